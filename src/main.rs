@@ -1,0 +1,2 @@
+//! The `holdover` command.
+fn main() {}

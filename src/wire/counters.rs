@@ -1,0 +1,99 @@
+//! What happened to the bytes that came in: every frame is either used, of no interest, or rejected for a counted cause.
+
+use serde::Serialize;
+
+/// Why bytes or a frame were not used.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// Bytes that belong to no frame.
+    Garbage,
+    /// The checksum does not fit: a damaged frame.
+    BadChecksum,
+    /// The message id is not in the dialect.
+    UnknownId,
+    /// An enumerated field has a value that the dialect does not know.
+    UnknownEnum,
+    /// The payload is longer than the message's definition allows, or cannot be read.
+    BadPayload,
+    /// Another vehicle, a ground station or a component that is not the autopilot's.
+    WrongSystem,
+    /// A field that must be finite is not.
+    NotFinite,
+    /// A field has an impossible value (a pressure of zero, a position beyond the globe).
+    Absurd,
+    /// The sample is older than one already used and too old to be put in order.
+    OutOfOrder,
+    /// The sample is much older than the newest of its clock.
+    Stale,
+}
+
+impl Cause {
+    /// Every cause, in the order they are shown.
+    pub const ALL: [Cause; 10] = [
+        Cause::Garbage,
+        Cause::BadChecksum,
+        Cause::UnknownId,
+        Cause::UnknownEnum,
+        Cause::BadPayload,
+        Cause::WrongSystem,
+        Cause::NotFinite,
+        Cause::Absurd,
+        Cause::OutOfOrder,
+        Cause::Stale,
+    ];
+
+    /// A short name for tables.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Cause::Garbage => "garbage bytes",
+            Cause::BadChecksum => "bad checksum",
+            Cause::UnknownId => "unknown id",
+            Cause::UnknownEnum => "unknown enum value",
+            Cause::BadPayload => "bad payload",
+            Cause::WrongSystem => "wrong system",
+            Cause::NotFinite => "not finite",
+            Cause::Absurd => "absurd value",
+            Cause::OutOfOrder => "out of order",
+            Cause::Stale => "stale",
+        }
+    }
+}
+
+/// Counts by [`Cause`], and the frames that passed.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames whose checksum is right, known message or not.
+    pub frames: u64,
+    by_cause: [u64; Cause::ALL.len()],
+}
+
+impl Counters {
+    /// Counts one event of `cause`.
+    pub fn count(&mut self, cause: Cause) {
+        self.add(cause, 1);
+    }
+
+    /// Counts `n` events of `cause` ([`Cause::Garbage`] counts bytes).
+    pub fn add(&mut self, cause: Cause, n: u64) {
+        self.by_cause[cause as usize] += n;
+    }
+
+    /// How often `cause` was counted.
+    pub fn of(&self, cause: Cause) -> u64 {
+        self.by_cause[cause as usize]
+    }
+
+    /// The causes that were counted at least once.
+    pub fn seen(&self) -> impl Iterator<Item = (Cause, u64)> + '_ {
+        Cause::ALL.into_iter().map(|c| (c, self.of(c))).filter(|&(_, n)| n > 0)
+    }
+
+    /// Adds all of `other`'s counts.
+    pub fn merge(&mut self, other: &Counters) {
+        self.frames += other.frames;
+        for (mine, theirs) in self.by_cause.iter_mut().zip(other.by_cause) {
+            *mine += theirs;
+        }
+    }
+}

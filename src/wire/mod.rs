@@ -1,0 +1,5 @@
+//! The only room that knows MAVLink: links, tlogs, decoding to [`crate::sample`], encoding of [`crate::outbound`], time
+//! synchronisation and stream requests.
+
+pub mod counters;
+pub mod frame;
