@@ -1,5 +1,7 @@
 //! The only room that knows MAVLink: links, tlogs, decoding to [`crate::sample`], encoding of [`crate::outbound`], time
 //! synchronisation and stream requests.
 
+pub mod clock;
 pub mod counters;
 pub mod frame;
+pub mod tlog;
