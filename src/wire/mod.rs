@@ -3,5 +3,6 @@
 
 pub mod clock;
 pub mod counters;
+pub mod decode;
 pub mod frame;
 pub mod tlog;

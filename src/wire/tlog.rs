@@ -150,8 +150,12 @@ fn step(bytes: &[u8], at_end: bool) -> Step {
     let frame = match candidate(rest) {
         Candidate::Frame(frame) => frame,
         // Nothing after it can be a whole record either if even the shortest one does not fit.
-        Candidate::Short if bytes.len() < STAMP_LEN + 8 => return Step::Skip { skip: bytes.len(), count: None },
-        Candidate::Short | Candidate::NoFrame => return Step::Skip { skip: to_next_start(bytes), count: None },
+        Candidate::Short if bytes.len() < STAMP_LEN + 8 => {
+            return Step::Skip { skip: bytes.len(), count: None };
+        }
+        Candidate::Short | Candidate::NoFrame => {
+            return Step::Skip { skip: to_next_start(bytes), count: None };
+        }
     };
     let len = STAMP_LEN + frame.len();
     if frame.checksum_fits() {

@@ -1,0 +1,349 @@
+//! Typed, stamped measurements as they enter the core, and the reference data that must not.
+//!
+//! A [`Sample`] is what a sensor measured, in SI units and a named frame, stamped with the autopilot's clock. A [`Reference`] is
+//! simulator truth or the autopilot's own estimate: it may be compared with, drawn and (outbound) aligned to, but it has another
+//! type so that no filter can take it by accident: an autopilot's estimate contains what Holdover sent.
+
+use nalgebra::{Quaternion, Vector3};
+
+use crate::geo::wgs84::Geodetic;
+use crate::time::{ApTime, Span};
+
+/// One measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Sample {
+    /// Angular rate and specific force.
+    Imu(ImuSample),
+    /// Magnetic field.
+    Mag(MagSample),
+    /// Satellite navigation fix, or the word that there is none.
+    Gnss(GnssSample),
+    /// Static pressure.
+    Pressure(PressureSample),
+    /// Optical flow of one image patch.
+    Flow(FlowSample),
+    /// Distance along a beam.
+    Range(RangeSample),
+    /// Airspeed as the autopilot measures it.
+    Airspeed(AirspeedSample),
+    /// A known landmark seen by a camera.
+    Landmark(LandmarkSample),
+}
+
+/// Kinds of [`Sample`], for tables and counters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum SampleKind {
+    /// See [`Sample::Imu`].
+    Imu,
+    /// See [`Sample::Mag`].
+    Mag,
+    /// See [`Sample::Gnss`].
+    Gnss,
+    /// See [`Sample::Pressure`].
+    Pressure,
+    /// See [`Sample::Flow`].
+    Flow,
+    /// See [`Sample::Range`].
+    Range,
+    /// See [`Sample::Airspeed`].
+    Airspeed,
+    /// See [`Sample::Landmark`].
+    Landmark,
+}
+
+impl SampleKind {
+    /// All kinds, in the order they are shown.
+    pub const ALL: [SampleKind; 8] = [
+        SampleKind::Imu,
+        SampleKind::Mag,
+        SampleKind::Gnss,
+        SampleKind::Pressure,
+        SampleKind::Flow,
+        SampleKind::Range,
+        SampleKind::Airspeed,
+        SampleKind::Landmark,
+    ];
+
+    /// Name for tables.
+    pub const fn label(self) -> &'static str {
+        match self {
+            SampleKind::Imu => "IMU",
+            SampleKind::Mag => "magnetometer",
+            SampleKind::Gnss => "GNSS",
+            SampleKind::Pressure => "barometer",
+            SampleKind::Flow => "optical flow",
+            SampleKind::Range => "rangefinder",
+            SampleKind::Airspeed => "airspeed",
+            SampleKind::Landmark => "landmark",
+        }
+    }
+}
+
+/// Angular rate and specific force, body FRD. Whether the values are means over the last interval or instantaneous depends on
+/// the stream: at 50 Hz and more the difference is below the noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuSample {
+    /// End of the sampling interval.
+    pub time: ApTime,
+    /// Angular rate of the body relative to inertial space, rad/s.
+    pub angular_rate_body: Vector3<f64>,
+    /// Specific force, m/s² (about −9.8 in z when level and at rest).
+    pub specific_force_body: Vector3<f64>,
+}
+
+/// Magnetic field in body FRD.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MagSample {
+    /// When it was measured.
+    pub time: ApTime,
+    /// Which magnetometer.
+    pub sensor: u8,
+    /// Field, tesla.
+    pub field_body: Vector3<f64>,
+}
+
+/// What kind of fix a receiver says it has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum GnssFix {
+    /// No receiver, no fix, or time only.
+    None,
+    /// Two dimensions: the height is a guess.
+    TwoD,
+    /// Three dimensions, alone or with corrections.
+    ThreeD,
+    /// Differential, RTK float or fixed, static or precise point positioning.
+    Corrected,
+}
+
+/// What a GNSS receiver says. Without a fix, `position` is `None` whatever the message held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GnssSample {
+    /// The receiver's stamp where it is usable, else the newest time of the stream. Latency is on top of it (configuration).
+    pub time: ApTime,
+    /// Which receiver, 0 or 1.
+    pub receiver: u8,
+    /// Kind of fix.
+    pub fix: GnssFix,
+    /// Latitude, longitude and height above mean sea level.
+    pub position: Option<Geodetic>,
+    /// Speed over ground, m/s, and course over ground, rad from true north. MAVLink's GPS_RAW_INT has no vertical speed.
+    pub ground_velocity: Option<GroundVelocity>,
+    /// Horizontal accuracy (1 sigma), m, as the receiver claims.
+    pub horizontal_accuracy_m: Option<f64>,
+    /// Vertical accuracy (1 sigma), m, as the receiver claims.
+    pub vertical_accuracy_m: Option<f64>,
+    /// Speed accuracy (1 sigma), m/s, as the receiver claims.
+    pub speed_accuracy_mps: Option<f64>,
+    /// Satellites used, if told.
+    pub satellites: Option<u8>,
+}
+
+/// Speed and course over ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundVelocity {
+    /// Speed over ground, m/s.
+    pub speed_mps: f64,
+    /// Course over ground, rad from true north. Noise when slow.
+    pub course_rad: f64,
+}
+
+impl GroundVelocity {
+    /// North and east components, m/s.
+    pub fn north_east(&self) -> (f64, f64) {
+        (self.speed_mps * self.course_rad.cos(), self.speed_mps * self.course_rad.sin())
+    }
+}
+
+/// Static pressure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PressureSample {
+    /// When it was measured (`time_boot_ms`; the message may come 0.2 s later).
+    pub time: ApTime,
+    /// Which barometer.
+    pub sensor: u8,
+    /// Static pressure, Pa.
+    pub pressure_pa: f64,
+}
+
+/// What an optical flow sensor saw: the mean angular flow of a patch about the image axes.
+///
+/// Signs are those of MAVLink: a positive rate about x (y) is a right-hand rotation of the image about the body's x (y) axis,
+/// so with d the distance along the optical axis v_x = d·(rate_y − gyro_y), v_y = −d·(rate_x − gyro_x).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlowSample {
+    /// End of the integration interval.
+    pub time: ApTime,
+    /// Which sensor or patch.
+    pub sensor: u8,
+    /// How long the flow was integrated; zero where the message gives a rate.
+    pub interval: Span,
+    /// Mean flow rate about the sensor's x and y axes, rad/s.
+    pub rate_xy: [f64; 2],
+    /// What of the rotation is in `rate_xy`.
+    pub rotation: FlowRotation,
+    /// 0 (worst) to 1 (best).
+    pub quality: f64,
+    /// Distance to the centre of the scene that came with the flow, m.
+    pub distance_m: Option<f64>,
+}
+
+/// How a flow sensor treats the rotation of the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FlowRotation {
+    /// The sensor's own gyro over the same interval, rad/s about x and y: to be subtracted.
+    SensorGyro([f64; 2]),
+    /// Contained in the flow; to be subtracted with the vehicle's gyro.
+    Contained,
+    /// Already taken out.
+    Removed,
+}
+
+/// Where a range beam points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RangeDirection {
+    /// Along body +z.
+    Down,
+    /// Any other way: shown, not used for height.
+    Other(u8),
+}
+
+/// Distance along a beam. Sensors send values beyond their own limits, so the limits come along.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeSample {
+    /// When it was measured.
+    pub time: ApTime,
+    /// Which rangefinder.
+    pub sensor: u8,
+    /// Where it points.
+    pub direction: RangeDirection,
+    /// Distance along the beam, m.
+    pub distance_m: f64,
+    /// Least and greatest distance that the sensor can measure, m.
+    pub limits_m: Option<[f64; 2]>,
+}
+
+/// Airspeed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AirspeedSample {
+    /// When it was measured.
+    pub time: ApTime,
+    /// Airspeed, m/s (indicated or true, as the autopilot sends it).
+    pub airspeed_mps: f64,
+}
+
+/// A landmark in a camera's view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LandmarkSample {
+    /// When the picture was taken.
+    pub time: ApTime,
+    /// Which landmark (`target_num`).
+    pub id: u8,
+    /// What was seen.
+    pub sighting: Sighting,
+}
+
+/// A bearing, or a position relative to the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Sighting {
+    /// Angles from the optical axis about the camera's x and y, rad, and the distance if known, m.
+    Bearing {
+        /// Offsets from the centre of the image, rad.
+        angle_xy: [f64; 2],
+        /// Distance to the landmark, m.
+        distance_m: Option<f64>,
+    },
+    /// Position of the landmark relative to the vehicle in the given MAVLink frame, m.
+    Relative {
+        /// Position, m.
+        position: Vector3<f64>,
+        /// `MAV_FRAME` of it.
+        frame: u8,
+    },
+}
+
+impl Sample {
+    /// When it was measured.
+    pub fn time(&self) -> ApTime {
+        match self {
+            Sample::Imu(s) => s.time,
+            Sample::Mag(s) => s.time,
+            Sample::Gnss(s) => s.time,
+            Sample::Pressure(s) => s.time,
+            Sample::Flow(s) => s.time,
+            Sample::Range(s) => s.time,
+            Sample::Airspeed(s) => s.time,
+            Sample::Landmark(s) => s.time,
+        }
+    }
+
+    /// Its kind.
+    pub fn kind(&self) -> SampleKind {
+        match self {
+            Sample::Imu(_) => SampleKind::Imu,
+            Sample::Mag(_) => SampleKind::Mag,
+            Sample::Gnss(_) => SampleKind::Gnss,
+            Sample::Pressure(_) => SampleKind::Pressure,
+            Sample::Flow(_) => SampleKind::Flow,
+            Sample::Range(_) => SampleKind::Range,
+            Sample::Airspeed(_) => SampleKind::Airspeed,
+            Sample::Landmark(_) => SampleKind::Landmark,
+        }
+    }
+}
+
+/// Simulator truth or the autopilot's own estimate. No filter takes this type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reference {
+    /// What the simulator knows.
+    Truth(TruthState),
+    /// The autopilot's attitude.
+    Attitude {
+        /// When.
+        time: ApTime,
+        /// Rotation from body FRD to NED.
+        body_to_ned: Quaternion<f64>,
+    },
+    /// The autopilot's position and velocity in NED at its own origin.
+    Local {
+        /// When.
+        time: ApTime,
+        /// Position, m.
+        position_ned: Vector3<f64>,
+        /// Velocity, m/s.
+        velocity_ned: Vector3<f64>,
+    },
+    /// The autopilot's position on the globe.
+    Global {
+        /// When.
+        time: ApTime,
+        /// Position; height above mean sea level.
+        position: Geodetic,
+        /// Velocity, m/s.
+        velocity_ned: Vector3<f64>,
+    },
+}
+
+/// The simulated vehicle's true state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TruthState {
+    /// When (SIM_STATE carries no time: the newest of the stream).
+    pub time: ApTime,
+    /// Rotation from body FRD to NED, if told.
+    pub body_to_ned: Option<Quaternion<f64>>,
+    /// Position, if told; height above mean sea level.
+    pub position: Option<Geodetic>,
+    /// Velocity, m/s, if told.
+    pub velocity_ned: Option<Vector3<f64>>,
+}
+
+impl Reference {
+    /// When it holds.
+    pub fn time(&self) -> ApTime {
+        match self {
+            Reference::Truth(t) => t.time,
+            Reference::Attitude { time, .. }
+            | Reference::Local { time, .. }
+            | Reference::Global { time, .. } => *time,
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! Optical flow, rangefinders, airspeed and landmarks.
+
+use mavlink::dialects::ardupilotmega as apm;
+use nalgebra::Vector3;
+
+use crate::sample::{
+    AirspeedSample, FlowRotation, FlowSample, LandmarkSample, RangeDirection, RangeSample, Sample, Sighting,
+};
+use crate::time::Span;
+
+use super::{Cause, Decoder, Item, Out, finite, within};
+
+/// Flow faster than this is no flow, rad/s (good sensors end at 7).
+const MAX_FLOW: f64 = 50.0;
+/// MAV_SENSOR_ROTATION_PITCH_270: the beam points along body +z.
+const FACING_DOWN: u8 = 25;
+
+impl Decoder {
+    pub(super) fn optical_flow(&mut self, m: &apm::OPTICAL_FLOW_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.clock.usec(m.time_usec)?;
+        let quality = f64::from(m.quality) / 255.0;
+        let rates =
+            [within(m.flow_rate_x, -MAX_FLOW, MAX_FLOW)?, within(m.flow_rate_y, -MAX_FLOW, MAX_FLOW)?];
+        let compensated = [within(m.flow_comp_m_x, -1e4, 1e4)?, within(m.flow_comp_m_y, -1e4, 1e4)?];
+        // ground_distance is not taken: ArduPilot fills it from its own estimator.
+        let (rate_xy, rotation) = if self.dialect.flow_comp_is_rate {
+            // The autopilot subtracted its gyro at the sensor's own instant, which a thinned IMU stream cannot do as well.
+            (compensated, FlowRotation::Removed)
+        } else if rates != [0.0, 0.0] {
+            (rates, FlowRotation::Contained)
+        } else {
+            // Sensors that fill the m/s fields only: v = d·rate would need their d. Without rates there is no angle to use.
+            return Ok(());
+        };
+        if rate_xy.iter().any(|r| r.abs() > MAX_FLOW) {
+            return Err(Cause::Absurd);
+        }
+        let sample = FlowSample {
+            time,
+            sensor: m.sensor_id,
+            interval: Span::ZERO,
+            rate_xy,
+            rotation,
+            quality,
+            distance_m: None,
+        };
+        out.push(Item::Sample(Sample::Flow(sample)));
+        Ok(())
+    }
+
+    pub(super) fn optical_flow_rad(
+        &mut self,
+        m: &apm::OPTICAL_FLOW_RAD_DATA,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        let time = self.clock.usec(m.time_usec)?;
+        let interval = Span::from_micros(i64::from(m.integration_time_us));
+        let dt = interval.seconds();
+        if !(1e-4..=1.0).contains(&dt) {
+            return Err(Cause::Absurd);
+        }
+        let flow = [within(m.integrated_x, -100.0, 100.0)? / dt, within(m.integrated_y, -100.0, 100.0)? / dt];
+        if flow.iter().any(|r| r.abs() > MAX_FLOW) {
+            return Err(Cause::Absurd);
+        }
+        let gyro = [f64::from(m.integrated_xgyro) / dt, f64::from(m.integrated_ygyro) / dt];
+        // NaN is the message's way to say that the sensor has no gyro.
+        let rotation = if gyro.iter().all(|g| g.is_finite() && g.abs() <= MAX_FLOW) {
+            FlowRotation::SensorGyro(gyro)
+        } else {
+            FlowRotation::Contained
+        };
+        let distance = f64::from(m.distance);
+        let sample = FlowSample {
+            time,
+            sensor: m.sensor_id,
+            interval,
+            rate_xy: flow,
+            rotation,
+            quality: f64::from(m.quality) / 255.0,
+            distance_m: (distance.is_finite() && distance > 0.0).then_some(distance),
+        };
+        out.push(Item::Sample(Sample::Flow(sample)));
+        Ok(())
+    }
+
+    pub(super) fn distance_sensor(
+        &mut self,
+        m: &apm::DISTANCE_SENSOR_DATA,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        let time = self.clock.boot_ms(m.time_boot_ms)?;
+        let cm = |v: u16| f64::from(v) * 0.01;
+        let direction = match m.orientation as u8 {
+            FACING_DOWN => RangeDirection::Down,
+            other => RangeDirection::Other(other),
+        };
+        if direction == RangeDirection::Down {
+            self.range.take(0, time);
+        }
+        // 65535 is "nothing within range"; a signal quality of 1 is "invalid" by the message's definition.
+        if m.current_distance == u16::MAX || m.signal_quality == 1 {
+            return Ok(());
+        }
+        let limits_m = (m.max_distance > m.min_distance).then(|| [cm(m.min_distance), cm(m.max_distance)]);
+        let sample =
+            RangeSample { time, sensor: m.id, direction, distance_m: cm(m.current_distance), limits_m };
+        out.push(Item::Sample(Sample::Range(sample)));
+        Ok(())
+    }
+
+    pub(super) fn rangefinder(&mut self, m: &apm::RANGEFINDER_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.now()?;
+        let distance_m = within(m.distance, -1.0, 1e4)?;
+        if self.range.take(1, time) && distance_m > 0.0 {
+            let direction = RangeDirection::Down;
+            out.push(Item::Sample(Sample::Range(RangeSample {
+                time,
+                sensor: 0,
+                direction,
+                distance_m,
+                limits_m: None,
+            })));
+        }
+        Ok(())
+    }
+
+    /// VFR_HUD carries no time and, on vehicles without the sensor, NaN or zero.
+    pub(super) fn airspeed(&mut self, airspeed: f32, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.now()?;
+        if airspeed.is_nan() || airspeed == 0.0 {
+            return Ok(());
+        }
+        let airspeed_mps = within(airspeed, -5.0, 200.0)?;
+        out.push(Item::Sample(Sample::Airspeed(AirspeedSample { time, airspeed_mps })));
+        Ok(())
+    }
+
+    pub(super) fn landing_target(&mut self, m: &apm::LANDING_TARGET_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.clock.usec(m.time_usec)?;
+        let sighting = if matches!(m.position_valid, apm::MavBool::MAV_BOOL_TRUE) {
+            let position: Vector3<f64> = finite(m.x, m.y, m.z)?;
+            if position.amax() > 1e4 {
+                return Err(Cause::Absurd);
+            }
+            Sighting::Relative { position, frame: m.frame as u8 }
+        } else {
+            let half_turn = std::f64::consts::FRAC_PI_2;
+            let angle_xy =
+                [within(m.angle_x, -half_turn, half_turn)?, within(m.angle_y, -half_turn, half_turn)?];
+            let distance = f64::from(m.distance);
+            Sighting::Bearing {
+                angle_xy,
+                distance_m: (distance.is_finite() && distance > 0.0).then_some(distance),
+            }
+        };
+        out.push(Item::Sample(Sample::Landmark(LandmarkSample { time, id: m.target_num, sighting })));
+        Ok(())
+    }
+}

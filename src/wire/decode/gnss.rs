@@ -1,0 +1,106 @@
+//! GNSS receivers and the autopilot's origin.
+
+use mavlink::dialects::ardupilotmega as apm;
+
+use crate::geo::Geodetic;
+use crate::sample::{GnssFix, GnssSample, GroundVelocity, Sample};
+
+use super::{Cause, Decoder, Item, Out};
+
+/// What GPS_RAW_INT and GPS2_RAW have in common.
+struct Raw {
+    time_usec: u64,
+    fix: apm::GpsFixType,
+    lat_lon_e7: [i32; 2],
+    alt_mm: i32,
+    vel_cms: u16,
+    cog_cdeg: u16,
+    acc_mm: [u32; 3],
+    satellites: u8,
+}
+
+impl Decoder {
+    pub(super) fn gps_raw_int(&mut self, m: &apm::GPS_RAW_INT_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let raw = Raw {
+            time_usec: m.time_usec,
+            fix: m.fix_type,
+            lat_lon_e7: [m.lat, m.lon],
+            alt_mm: m.alt,
+            vel_cms: m.vel,
+            cog_cdeg: m.cog,
+            acc_mm: [m.h_acc, m.v_acc, m.vel_acc],
+            satellites: m.satellites_visible,
+        };
+        self.receiver(0, &raw, out)
+    }
+
+    pub(super) fn gps2_raw(&mut self, m: &apm::GPS2_RAW_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let raw = Raw {
+            time_usec: m.time_usec,
+            fix: m.fix_type,
+            lat_lon_e7: [m.lat, m.lon],
+            alt_mm: m.alt,
+            vel_cms: m.vel,
+            cog_cdeg: m.cog,
+            acc_mm: [m.h_acc, m.v_acc, m.vel_acc],
+            satellites: m.satellites_visible,
+        };
+        self.receiver(1, &raw, out)
+    }
+
+    fn receiver(&mut self, receiver: u8, raw: &Raw, out: Out<'_>) -> Result<(), Cause> {
+        let fix = match raw.fix {
+            apm::GpsFixType::GPS_FIX_TYPE_NO_GPS | apm::GpsFixType::GPS_FIX_TYPE_NO_FIX => GnssFix::None,
+            apm::GpsFixType::GPS_FIX_TYPE_2D_FIX => GnssFix::TwoD,
+            apm::GpsFixType::GPS_FIX_TYPE_3D_FIX => GnssFix::ThreeD,
+            _ => GnssFix::Corrected,
+        };
+        // A lost receiver repeats its last stamp or sends zero: the word "no fix" is new all the same.
+        let time = if fix == GnssFix::None { self.now()? } else { self.clock.usec(raw.time_usec)? };
+        let position = (fix > GnssFix::None).then(|| position(raw.lat_lon_e7, raw.alt_mm)).transpose()?;
+        let sample = GnssSample {
+            time,
+            receiver,
+            fix,
+            position,
+            ground_velocity: position.and(velocity(raw.vel_cms, raw.cog_cdeg)),
+            horizontal_accuracy_m: accuracy(raw.acc_mm[0]),
+            vertical_accuracy_m: accuracy(raw.acc_mm[1]),
+            speed_accuracy_mps: accuracy(raw.acc_mm[2]),
+            satellites: (raw.satellites != u8::MAX).then_some(raw.satellites),
+        };
+        out.push(Item::Sample(Sample::Gnss(sample)));
+        Ok(())
+    }
+}
+
+fn position(lat_lon_e7: [i32; 2], alt_mm: i32) -> Result<Geodetic, Cause> {
+    let [lat, lon] = lat_lon_e7.map(|v| f64::from(v) * 1e-7);
+    let height = f64::from(alt_mm) * 1e-3;
+    // Exactly (0, 0) is what receivers and simulators send when they know nothing.
+    if lat.abs() > 90.0
+        || lon.abs() > 180.0
+        || lat_lon_e7 == [0, 0]
+        || !(-1000.0..=60_000.0).contains(&height)
+    {
+        return Err(Cause::Absurd);
+    }
+    Ok(Geodetic::from_degrees(lat, lon, height))
+}
+
+/// 65535 is "not known" in both fields.
+fn velocity(vel_cms: u16, cog_cdeg: u16) -> Option<GroundVelocity> {
+    (vel_cms != u16::MAX && cog_cdeg <= 36_000).then(|| GroundVelocity {
+        speed_mps: f64::from(vel_cms) * 0.01,
+        course_rad: (f64::from(cog_cdeg) * 0.01).to_radians(),
+    })
+}
+
+/// 0 is "not known" (the extension was cut off or never filled).
+fn accuracy(mm: u32) -> Option<f64> {
+    (mm != 0 && mm != u32::MAX).then(|| f64::from(mm) * 1e-3)
+}
+
+pub(super) fn origin(m: &apm::GPS_GLOBAL_ORIGIN_DATA) -> Result<Geodetic, Cause> {
+    position([m.latitude, m.longitude], m.altitude)
+}

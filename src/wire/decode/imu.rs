@@ -1,0 +1,130 @@
+//! Inertial and magnetic measurements, and static pressure.
+
+use mavlink::dialects::ardupilotmega as apm;
+use nalgebra::Vector3;
+
+use crate::sample::{ImuSample, MagSample, PressureSample, Sample};
+use crate::time::ApTime;
+
+use super::{Cause, Decoder, Item, Out, finite, within};
+
+/// Standard gravity: what "milli-g" in SCALED_IMU means, m/s².
+const STANDARD_GRAVITY: f64 = 9.806_65;
+const TESLA_PER_GAUSS: f64 = 1e-4;
+/// Beyond any sensor a small vehicle carries (±16 g to ±32 g; ±2000 °/s to ±4000 °/s).
+const MAX_SPECIFIC_FORCE: f64 = 400.0;
+const MAX_ANGULAR_RATE: f64 = 80.0;
+/// The geomagnetic field is 22 to 67 µT; a sensor that was never written reports zero.
+const FIELD_T: std::ops::RangeInclusive<f64> = 5e-6..=3e-4;
+
+impl Decoder {
+    pub(super) fn highres_imu(&mut self, m: &apm::HIGHRES_IMU_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.clock.usec(m.time_usec)?;
+        if m.id != 0 {
+            return Ok(());
+        }
+        let rate = finite(m.xgyro, m.ygyro, m.zgyro)?;
+        let force = finite(m.xacc, m.yacc, m.zacc)?;
+        self.inertial(0, time, rate, force, out)?;
+        if m.fields_updated.contains(apm::HighresImuUpdatedFlags::HIGHRES_IMU_UPDATED_XMAG) {
+            let field = finite(m.xmag, m.ymag, m.zmag)? * TESLA_PER_GAUSS;
+            magnetic(time, 0, field, out)?;
+        }
+        if m.fields_updated.contains(apm::HighresImuUpdatedFlags::HIGHRES_IMU_UPDATED_ABS_PRESSURE)
+            && self.pressure.take(1, time)
+        {
+            out.push(Item::Sample(pressure_sample(time, 0, m.abs_pressure)?));
+        }
+        Ok(())
+    }
+
+    pub(super) fn scaled_imu(
+        &mut self,
+        rank: usize,
+        m: &apm::SCALED_IMU_DATA,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        let time = self.clock.boot_ms(m.time_boot_ms)?;
+        let milli = [m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro, m.xmag, m.ymag, m.zmag];
+        self.milli_units(rank, time, milli, out)
+    }
+
+    pub(super) fn scaled_imu2(&mut self, m: &apm::SCALED_IMU2_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.clock.boot_ms(m.time_boot_ms)?;
+        let milli = [m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro, m.xmag, m.ymag, m.zmag];
+        self.milli_units(3, time, milli, out)
+    }
+
+    pub(super) fn scaled_imu3(&mut self, m: &apm::SCALED_IMU3_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.clock.boot_ms(m.time_boot_ms)?;
+        let milli = [m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro, m.xmag, m.ymag, m.zmag];
+        self.milli_units(4, time, milli, out)
+    }
+
+    pub(super) fn raw_imu(&mut self, m: &apm::RAW_IMU_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.clock.usec(m.time_usec)?;
+        if !self.dialect.raw_imu_is_scaled {
+            return Ok(());
+        }
+        let milli = [m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro, m.xmag, m.ymag, m.zmag];
+        self.milli_units(2, time, milli, out)
+    }
+
+    fn milli_units(&mut self, rank: usize, time: ApTime, raw: [i16; 9], out: Out<'_>) -> Result<(), Cause> {
+        let v =
+            |i: usize| Vector3::new(f64::from(raw[i]), f64::from(raw[i + 1]), f64::from(raw[i + 2])) * 1e-3;
+        let used = self.inertial(rank, time, v(3), v(0) * STANDARD_GRAVITY, out)?;
+        if used && raw[6..] != [0, 0, 0] {
+            magnetic(time, 0, v(6) * TESLA_PER_GAUSS, out)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the sample was taken (and no better source is alive).
+    fn inertial(
+        &mut self,
+        rank: usize,
+        time: ApTime,
+        angular_rate_body: Vector3<f64>,
+        specific_force_body: Vector3<f64>,
+        out: Out<'_>,
+    ) -> Result<bool, Cause> {
+        if specific_force_body.amax() > MAX_SPECIFIC_FORCE || angular_rate_body.amax() > MAX_ANGULAR_RATE {
+            return Err(Cause::Absurd);
+        }
+        // An accelerometer in flight or at rest never reads exactly zero on all axes: the message is a shell without a sensor.
+        if specific_force_body == Vector3::zeros() {
+            return Err(Cause::Absurd);
+        }
+        let used = self.imu.take(rank, time);
+        if used {
+            out.push(Item::Sample(Sample::Imu(ImuSample { time, angular_rate_body, specific_force_body })));
+        }
+        Ok(used)
+    }
+
+    pub(super) fn pressure(&mut self, sensor: u8, boot_ms: u32, hpa: f32, out: Out<'_>) -> Result<(), Cause> {
+        let time = self.clock.boot_ms(boot_ms)?;
+        let sample = pressure_sample(time, sensor, hpa)?;
+        if sensor == 0 {
+            self.pressure.take(0, time);
+        }
+        out.push(Item::Sample(sample));
+        Ok(())
+    }
+}
+
+fn pressure_sample(time: ApTime, sensor: u8, hpa: f32) -> Result<Sample, Cause> {
+    // From 20 km of height to the deepest valley.
+    let pressure_pa = within(hpa, 50.0, 1200.0)? * 100.0;
+    Ok(Sample::Pressure(PressureSample { time, sensor, pressure_pa }))
+}
+
+fn magnetic(time: ApTime, sensor: u8, field_body: Vector3<f64>, out: Out<'_>) -> Result<(), Cause> {
+    if !FIELD_T.contains(&field_body.norm()) {
+        // Before its first measurement a magnetometer is reported as zero: no news, not a fault.
+        return if field_body == Vector3::zeros() { Ok(()) } else { Err(Cause::Absurd) };
+    }
+    out.push(Item::Sample(Sample::Mag(MagSample { time, sensor, field_body })));
+    Ok(())
+}

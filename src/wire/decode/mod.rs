@@ -1,0 +1,209 @@
+//! Frames of one vehicle to [`Sample`]s and [`Reference`]s: SI units, named frames, the autopilot's time.
+//!
+//! Every value is checked here once: what is not finite or not possible is counted and goes no further. Vehicles send the same
+//! measurement several times (HIGHRES_IMU and RAW_IMU, say); [`Preference`] takes the best source that is alive.
+
+mod aiding;
+mod gnss;
+mod imu;
+mod reference;
+
+use mavlink::dialects::ardupilotmega::MavMessage;
+use nalgebra::Vector3;
+
+use crate::geo::Geodetic;
+use crate::sample::{Reference, Sample};
+use crate::time::{ApTime, Span};
+
+use super::clock::{AutopilotClock, ClockEvent};
+use super::counters::{Cause, Counters};
+use super::frame::{ComponentId, Frame, SystemId, cause_of};
+
+/// What one frame told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Item {
+    /// A measurement.
+    Sample(Sample),
+    /// Truth or the autopilot's own estimate.
+    Reference(Reference),
+    /// The origin of the autopilot's local frame (GPS_GLOBAL_ORIGIN); height above mean sea level.
+    Origin(Geodetic),
+    /// The autopilot rebooted, or its stream had a hole.
+    Clock(ClockEvent),
+}
+
+/// How the two autopilots fill the same messages differently.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dialect {
+    /// RAW_IMU holds milli-g, mrad/s and milligauss (ArduPilot), not counts.
+    pub raw_imu_is_scaled: bool,
+    /// OPTICAL_FLOW's `flow_comp_m_x/y` holds the flow less the sensor's own rotation in rad/s (ArduPilot), not m/s.
+    pub flow_comp_is_rate: bool,
+}
+
+/// Turns the frames of one vehicle into items.
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    vehicle: Option<(SystemId, ComponentId)>,
+    dialect: Dialect,
+    clock: AutopilotClock,
+    counters: Counters,
+    imu: Preference<5>,
+    pressure: Preference<2>,
+    range: Preference<2>,
+    attitude: Preference<2>,
+}
+
+type Out<'a> = &'a mut Vec<Item>;
+
+impl Decoder {
+    /// A decoder that follows no vehicle yet.
+    pub fn new() -> Self {
+        Self {
+            vehicle: None,
+            dialect: Dialect { raw_imu_is_scaled: false, flow_comp_is_rate: false },
+            clock: AutopilotClock::new(),
+            counters: Counters::default(),
+            imu: Preference::default(),
+            pressure: Preference::default(),
+            range: Preference::default(),
+            attitude: Preference::default(),
+        }
+    }
+
+    /// From now on follows this autopilot.
+    pub fn follow(&mut self, system: SystemId, component: ComponentId, dialect: Dialect) {
+        self.vehicle = Some((system, component));
+        self.dialect = dialect;
+    }
+
+    /// The autopilot's clock.
+    pub fn clock(&self) -> &AutopilotClock {
+        &self.clock
+    }
+
+    /// What was rejected so far.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Decodes `frame` and appends what it told to `out`. Frames of other systems, and anything rejected, are counted.
+    pub fn decode(&mut self, frame: &Frame<'_>, out: &mut Vec<Item>) {
+        if self.vehicle != Some((frame.system(), frame.component())) {
+            if self.vehicle.is_none_or(|(system, _)| system != frame.system()) {
+                self.counters.count(Cause::WrongSystem);
+            }
+            return;
+        }
+        self.counters.frames += 1;
+        if !of_interest(frame.message_id()) {
+            return;
+        }
+        let result = match frame.parse() {
+            Ok(message) => self.message(&message, out),
+            Err(error) => Err(cause_of(&error)),
+        };
+        if let Err(cause) = result {
+            self.counters.count(cause);
+        }
+        if let Some(event) = self.clock.take_event() {
+            // Before the sample that revealed it.
+            out.insert(0, Item::Clock(event));
+        }
+    }
+
+    fn message(&mut self, message: &MavMessage, out: Out<'_>) -> Result<(), Cause> {
+        match message {
+            MavMessage::HIGHRES_IMU(m) => self.highres_imu(m, out),
+            MavMessage::SCALED_IMU(m) => self.scaled_imu(1, m, out),
+            MavMessage::RAW_IMU(m) => self.raw_imu(m, out),
+            MavMessage::SCALED_IMU2(m) => self.scaled_imu2(m, out),
+            MavMessage::SCALED_IMU3(m) => self.scaled_imu3(m, out),
+            MavMessage::GPS_RAW_INT(m) => self.gps_raw_int(m, out),
+            MavMessage::GPS2_RAW(m) => self.gps2_raw(m, out),
+            MavMessage::GPS_GLOBAL_ORIGIN(m) => gnss::origin(m).map(|o| out.push(Item::Origin(o))),
+            MavMessage::SCALED_PRESSURE(m) => self.pressure(0, m.time_boot_ms, m.press_abs, out),
+            MavMessage::SCALED_PRESSURE2(m) => self.pressure(1, m.time_boot_ms, m.press_abs, out),
+            MavMessage::SCALED_PRESSURE3(m) => self.pressure(2, m.time_boot_ms, m.press_abs, out),
+            MavMessage::OPTICAL_FLOW(m) => self.optical_flow(m, out),
+            MavMessage::OPTICAL_FLOW_RAD(m) => self.optical_flow_rad(m, out),
+            MavMessage::DISTANCE_SENSOR(m) => self.distance_sensor(m, out),
+            MavMessage::RANGEFINDER(m) => self.rangefinder(m, out),
+            MavMessage::VFR_HUD(m) => self.airspeed(m.airspeed, out),
+            MavMessage::LANDING_TARGET(m) => self.landing_target(m, out),
+            MavMessage::SYSTEM_TIME(m) => {
+                self.clock.boot_ms(m.time_boot_ms)?;
+                self.clock.system_time(m.time_unix_usec, m.time_boot_ms);
+                Ok(())
+            }
+            MavMessage::SIM_STATE(m) => self.sim_state(m, out),
+            MavMessage::SIMSTATE(m) => self.simstate(m, out),
+            MavMessage::HIL_STATE_QUATERNION(m) => self.hil_state(m, out),
+            MavMessage::ATTITUDE(m) => self.attitude(m, out),
+            MavMessage::ATTITUDE_QUATERNION(m) => self.attitude_quaternion(m, out),
+            MavMessage::LOCAL_POSITION_NED(m) => self.local_position(m, out),
+            MavMessage::GLOBAL_POSITION_INT(m) => self.global_position(m, out),
+            _ => Ok(()),
+        }
+    }
+
+    /// The newest time of the stream, for messages that carry none.
+    fn now(&self) -> Result<ApTime, Cause> {
+        self.clock.newest().ok_or(Cause::Stale)
+    }
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Whether a message of this id can tell anything here: the others are not even parsed.
+fn of_interest(id: u32) -> bool {
+    matches!(
+        id,
+        2 | 24 | 26 | 27 | 29..=33 | 49 | 74 | 100 | 105 | 106 | 108 | 115 | 116 | 124 | 129 | 132 | 137
+    ) || matches!(id, 143 | 149 | 164 | 173)
+}
+
+/// Chooses among several sources of the same measurement, listed best first: the best one that was heard within the last second.
+#[derive(Clone, Debug)]
+struct Preference<const N: usize> {
+    heard: [Option<ApTime>; N],
+}
+
+impl<const N: usize> Default for Preference<N> {
+    fn default() -> Self {
+        Self { heard: [None; N] }
+    }
+}
+
+impl<const N: usize> Preference<N> {
+    const SILENCE: Span = Span::from_millis(1000);
+
+    /// Notes that source `rank` was heard and tells whether it is the one to use.
+    fn take(&mut self, rank: usize, time: ApTime) -> bool {
+        let Some(slot) = self.heard.get_mut(rank) else { return false };
+        *slot = Some(time);
+        self.heard[..rank].iter().flatten().all(|&better| time - better > Self::SILENCE)
+    }
+}
+
+/// A vector of finite numbers.
+fn finite(x: f32, y: f32, z: f32) -> Result<Vector3<f64>, Cause> {
+    let v = Vector3::new(f64::from(x), f64::from(y), f64::from(z));
+    if v.iter().all(|c| c.is_finite()) { Ok(v) } else { Err(Cause::NotFinite) }
+}
+
+/// `value` if it is finite and within the bounds.
+fn within(value: f32, low: f64, high: f64) -> Result<f64, Cause> {
+    let v = f64::from(value);
+    if !v.is_finite() {
+        Err(Cause::NotFinite)
+    } else if v < low || v > high {
+        Err(Cause::Absurd)
+    } else {
+        Ok(v)
+    }
+}
