@@ -1,6 +1,9 @@
 //! Holdover keeps a drone navigating when GNSS drops. See the README for the daemon, and the modules for the mathematics.
 
+pub mod altimeter;
+pub mod camera;
 pub mod geo;
+pub mod navigator;
 pub mod sample;
 pub mod time;
 pub mod wire;

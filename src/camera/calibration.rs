@@ -1,0 +1,249 @@
+//! What is systematically wrong with a flow velocity, learned while GNSS is there and used when it is gone.
+//!
+//! Fusini's b̂_v is the low-passed difference of the flow velocity and R̂ᵀvⁿ in body axes ((8) and the repaired (7)). A real sensor is
+//! also scaled (0.8 to 1.0) and turned; a wrong heading looks the same as a turned sensor, and cancels with it. So the model is
+//!
+//! v_m = (1 + s)·(I + μ [0 −1; 1 0])·v + b + noise,  x = [b_x, b_y, s, μ] constant,
+//!
+//! and a Kalman filter for constants estimates x, with its covariance: what is not known well in the end (a vehicle that only
+//! hovered knows nothing of s) stays in the uncertainty of the dead reckoning. The noise is taken from the residuals themselves.
+
+use nalgebra::{Matrix2, Matrix2x4, Matrix4, Vector2, Vector4};
+
+/// What is known of a sensor before it is flown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationSettings {
+    /// Standard deviation of the velocity bias, m/s.
+    pub bias_sigma_mps: f64,
+    /// Standard deviation of the scale error.
+    pub scale_sigma: f64,
+    /// Standard deviation of misalignment and heading error together, rad.
+    pub misalignment_sigma_rad: f64,
+    /// Random walk of the bias, m/s/√s; keeps the filter awake.
+    pub bias_walk: f64,
+    /// Random walk of scale and misalignment, 1/√s.
+    pub scale_walk: f64,
+    /// Largest scale error that a working sensor can have.
+    pub max_scale_error: f64,
+    /// Largest velocity bias that a working sensor can have, m/s.
+    pub max_bias_mps: f64,
+}
+
+/// Why a flow sensor must not carry the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Distrust {
+    /// Not yet compared with GNSS for long enough.
+    NotCompared,
+    /// Its velocity is turned round, or scaled beyond belief.
+    Scale,
+    /// Its velocity is off by a constant beyond belief.
+    Bias,
+    /// It does not follow the motion: the residuals are as large as the velocity itself.
+    Unrelated,
+}
+
+impl Distrust {
+    /// A sentence for the log.
+    pub const fn reason(self) -> &'static str {
+        match self {
+            Distrust::NotCompared => "flow was not compared with GNSS for long enough",
+            Distrust::Scale => "flow contradicts GNSS: wrong sign or scale",
+            Distrust::Bias => "flow contradicts GNSS: constant error",
+            Distrust::Unrelated => "flow does not follow the motion",
+        }
+    }
+}
+
+/// Estimates [b_x, b_y, s, μ] of one sensor.
+#[derive(Clone, Debug)]
+pub struct FlowCalibration {
+    settings: CalibrationSettings,
+    x: Vector4<f64>,
+    p: Matrix4<f64>,
+    /// Mean square residual of an axis, relative to what the measurement's own noise explains.
+    excess: f64,
+    /// Mean square velocity and mean square residual, m²/s², both over the last minute.
+    signal: f64,
+    residual: f64,
+    compared_s: f64,
+}
+
+/// Time over which residual statistics are averaged, s.
+const STATISTICS_S: f64 = 20.0;
+/// Comparison needed before a sensor is believed, s.
+const ENOUGH_S: f64 = 5.0;
+/// Residuals beyond this many sigmas teach nothing.
+const GATE: f64 = 5.0;
+
+impl FlowCalibration {
+    /// A sensor of which only the settings are known.
+    pub fn new(settings: CalibrationSettings) -> Self {
+        let s = &settings;
+        let var = [s.bias_sigma_mps, s.bias_sigma_mps, s.scale_sigma, s.misalignment_sigma_rad].map(|v| v * v);
+        Self {
+            settings,
+            x: Vector4::zeros(),
+            p: Matrix4::from_diagonal(&Vector4::from(var)),
+            excess: 1.0,
+            signal: 0.0,
+            residual: 0.0,
+            compared_s: 0.0,
+        }
+    }
+
+    /// The model's derivative by x at the velocity `v_xy` (body x and y, m/s).
+    pub fn jacobian(v_xy: &Vector2<f64>) -> Matrix2x4<f64> {
+        Matrix2x4::new(1.0, 0.0, v_xy.x, -v_xy.y, 0.0, 1.0, v_xy.y, v_xy.x)
+    }
+
+    /// Compares a flow velocity with the velocity that GNSS gives, both body x and y, m/s. `noise` is the covariance of the flow
+    /// velocity as the solve states it, `interval_s` the time since the last one. Returns the residual over its sigma.
+    pub fn compare(
+        &mut self,
+        flow_xy: &Vector2<f64>,
+        gnss_xy: &Vector2<f64>,
+        noise: &Matrix2<f64>,
+        interval_s: f64,
+    ) -> f64 {
+        let s = self.settings;
+        let dt = interval_s.clamp(0.0, 1.0);
+        for (i, walk) in [s.bias_walk, s.bias_walk, s.scale_walk, s.scale_walk].into_iter().enumerate() {
+            self.p[(i, i)] += walk * walk * dt;
+        }
+        let h = Self::jacobian(gnss_xy);
+        let residual = flow_xy - gnss_xy - h * self.x;
+        let explained = noise + h * self.p * h.transpose();
+        let r = noise * self.excess.max(1.0);
+        let innovation_cov = r + h * self.p * h.transpose();
+        let Some(inverse) = innovation_cov.try_inverse() else { return f64::INFINITY };
+        let normalised = (residual.transpose() * inverse * residual)[0].max(0.0).sqrt();
+        if !normalised.is_finite() {
+            return f64::INFINITY;
+        }
+        self.compared_s += dt;
+        let forget = (dt / STATISTICS_S).min(0.5);
+        // Limited, so that one outlier does not open the gate for the next.
+        let relative = (residual.norm_squared() / explained.trace().max(1e-12)).min(50.0);
+        self.excess += forget * (relative - self.excess);
+        self.signal += forget * (gnss_xy.norm_squared() - self.signal);
+        self.residual += forget * (residual.norm_squared() - noise.trace() - self.residual);
+        if normalised > GATE {
+            return normalised;
+        }
+        let k = self.p * h.transpose() * inverse;
+        let i_kh = Matrix4::identity() - k * h;
+        self.x += k * residual;
+        self.p = i_kh * self.p * i_kh.transpose() + k * r * k.transpose();
+        normalised
+    }
+
+    /// The vehicle's velocity from a flow velocity, body x and y, m/s: the model solved for v.
+    pub fn correct(&self, flow_xy: &Vector2<f64>) -> Vector2<f64> {
+        let (s, mu) = (self.x[2].max(-0.9), self.x[3]);
+        let v = (flow_xy - self.x.fixed_rows::<2>(0)) / (1.0 + s);
+        let norm = 1.0 + mu * mu;
+        Vector2::new(v.x + mu * v.y, v.y - mu * v.x) / norm
+    }
+
+    /// The velocity's noise variance factor: residuals seen over noise stated, at least 1.
+    pub fn noise_factor(&self) -> f64 {
+        self.excess.max(1.0)
+    }
+
+    /// The estimate [b_x m/s, b_y m/s, s, μ rad].
+    pub fn estimate(&self) -> &Vector4<f64> {
+        &self.x
+    }
+
+    /// Its covariance.
+    pub fn covariance(&self) -> &Matrix4<f64> {
+        &self.p
+    }
+
+    /// Whether the sensor may carry the vehicle.
+    ///
+    /// # Errors
+    /// The reason why not.
+    pub fn trust(&self) -> Result<(), Distrust> {
+        let s = &self.settings;
+        if self.compared_s < ENOUGH_S {
+            return Err(Distrust::NotCompared);
+        }
+        let sigma = |i: usize| self.p[(i, i)].max(0.0).sqrt();
+        if self.x[2].abs() > s.max_scale_error + sigma(2) {
+            return Err(Distrust::Scale);
+        }
+        if self.x[0].hypot(self.x[1]) > s.max_bias_mps + sigma(0) + sigma(1) {
+            return Err(Distrust::Bias);
+        }
+        // Sensible only when there was motion to follow.
+        if self.signal > 1.0 && self.residual > 0.5 * self.signal {
+            return Err(Distrust::Unrelated);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+
+    fn settings() -> CalibrationSettings {
+        CalibrationSettings {
+            bias_sigma_mps: 0.3,
+            scale_sigma: 0.1,
+            misalignment_sigma_rad: 0.1,
+            bias_walk: 0.001,
+            scale_walk: 0.0002,
+            max_scale_error: 0.4,
+            max_bias_mps: 1.5,
+        }
+    }
+
+    fn fly(seed: u64, truth: Vector4<f64>, speed: f64, sign: f64) -> FlowCalibration {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut c = FlowCalibration::new(settings());
+        for k in 0..2400 {
+            let a = f64::from(k) * 0.01;
+            let v = Vector2::new(a.cos(), (0.7 * a).sin()) * speed;
+            let noise = Vector2::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5));
+            let flow = (v + FlowCalibration::jacobian(&v) * truth) * sign + noise;
+            c.compare(&flow, &v, &(Matrix2::identity() / 12.0), 0.05);
+        }
+        c
+    }
+
+    #[test]
+    fn bias_scale_and_misalignment_are_found_within_their_sigmas() {
+        let truth = Vector4::new(0.3, -0.2, -0.07, 0.05);
+        for seed in 0..10 {
+            let c = fly(seed, truth, 5.0, 1.0);
+            for i in 0..4 {
+                let sigma = c.covariance()[(i, i)].sqrt();
+                assert!((c.estimate()[i] - truth[i]).abs() < 4.0 * sigma, "{i}: {} {sigma}", c.estimate()[i]);
+            }
+            assert_eq!(c.trust(), Ok(()));
+            let v = Vector2::new(4.0, -2.0);
+            let back = c.correct(&(v + FlowCalibration::jacobian(&v) * truth));
+            assert!((back - v).norm() < 0.15, "{back}");
+        }
+    }
+
+    #[test]
+    fn a_hover_teaches_nothing_of_the_scale() {
+        let c = fly(1, Vector4::zeros(), 0.0, 1.0);
+        assert!(c.covariance()[(2, 2)].sqrt() > 0.09);
+    }
+
+    #[test]
+    fn a_flow_of_the_wrong_sign_is_found_out() {
+        let c = fly(2, Vector4::zeros(), 12.0, -1.0);
+        assert!(c.trust().is_err());
+    }
+
+    #[test]
+    fn no_comparison_no_trust() {
+        assert_eq!(FlowCalibration::new(settings()).trust(), Err(Distrust::NotCompared));
+    }
+}

@@ -1,0 +1,114 @@
+//! The recent past: what the attitude was when a late sample was taken, and how the vehicle turned while a flow was integrated.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::time::ApTime;
+
+/// One remembered instant.
+#[derive(Clone, Copy, Debug)]
+struct Past {
+    time: ApTime,
+    r_body_to_ned: Matrix3<f64>,
+    /// ∫ω dt in body axes since the start, rad: differences give mean rates.
+    turned_body: Vector3<f64>,
+}
+
+/// A ring of remembered instants; nothing is allocated after construction.
+#[derive(Clone, Debug)]
+pub struct History {
+    ring: Vec<Past>,
+    next: usize,
+    len: usize,
+}
+
+impl History {
+    /// Remembers `capacity` IMU samples (512 are 2 s at 250 Hz).
+    pub fn new(capacity: usize) -> Self {
+        let empty = Past { time: ApTime::from_micros(0), r_body_to_ned: Matrix3::identity(), turned_body: Vector3::zeros() };
+        Self { ring: vec![empty; capacity.max(2)], next: 0, len: 0 }
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.len = 0;
+        self.next = 0;
+    }
+
+    /// Adds the newest instant: the attitude, and the rotation since the last one, rad in body axes.
+    pub fn push(&mut self, time: ApTime, r_body_to_ned: Matrix3<f64>, turned: Vector3<f64>) {
+        let turned_body = self.back(0).map_or(turned, |last| last.turned_body + turned);
+        self.ring[self.next] = Past { time, r_body_to_ned, turned_body };
+        self.next = (self.next + 1) % self.ring.len();
+        self.len = (self.len + 1).min(self.ring.len());
+    }
+
+    /// The `n`th newest.
+    fn back(&self, n: usize) -> Option<&Past> {
+        (n < self.len).then(|| &self.ring[(self.next + self.ring.len() - 1 - n) % self.ring.len()])
+    }
+
+    /// The first remembered instant not before `time` and the one before it.
+    fn around(&self, time: ApTime) -> Option<(&Past, &Past)> {
+        let mut later = self.back(0)?;
+        if time > later.time {
+            return None;
+        }
+        for n in 1..self.len {
+            let earlier = self.back(n)?;
+            if earlier.time <= time {
+                return Some((earlier, later));
+            }
+            later = earlier;
+        }
+        None
+    }
+
+    /// The attitude at `time` (the nearest remembered one); `None` beyond what is remembered.
+    pub fn attitude(&self, time: ApTime) -> Option<Matrix3<f64>> {
+        let (earlier, later) = self.around(time)?;
+        let nearer = if (time - earlier.time) < (later.time - time) { earlier } else { later };
+        Some(nearer.r_body_to_ned)
+    }
+
+    /// The mean angular rate of the body between two times, rad/s; `None` beyond what is remembered.
+    pub fn mean_rate(&self, from: ApTime, to: ApTime) -> Option<Vector3<f64>> {
+        let dt = to.seconds_since(from);
+        if dt <= 0.0 {
+            let (earlier, later) = self.around(to)?;
+            let step = later.time.seconds_since(earlier.time);
+            return (step > 0.0).then(|| (later.turned_body - earlier.turned_body) / step);
+        }
+        Some((self.turned(to)? - self.turned(from)?) / dt)
+    }
+
+    fn turned(&self, time: ApTime) -> Option<Vector3<f64>> {
+        let (earlier, later) = self.around(time)?;
+        let step = later.time.seconds_since(earlier.time);
+        let f = if step > 0.0 { time.seconds_since(earlier.time) / step } else { 1.0 };
+        Some(earlier.turned_body + (later.turned_body - earlier.turned_body) * f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geo::so3;
+
+    #[test]
+    fn rates_and_attitudes_of_the_past_come_back() {
+        let mut h = History::new(64);
+        for k in 0..200i64 {
+            let t = k as f64 * 0.01;
+            let r = so3::exp(&Vector3::new(0.0, 0.0, t));
+            h.push(ApTime::from_micros(k * 10_000), r, Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 }));
+        }
+        let at = |ms: i64| ApTime::from_micros(ms * 1000);
+        assert!((h.mean_rate(at(1700), at(1780)).unwrap().z - 1.0).abs() < 1e-9);
+        assert!((h.mean_rate(at(1755), at(1835)).unwrap().z - 1.5625).abs() < 1e-9);
+        assert!((h.mean_rate(at(1985), at(1985)).unwrap().z - 2.0).abs() < 1e-9);
+        let r = h.attitude(at(1803)).unwrap();
+        assert!((so3::log(&r).z - 1.80).abs() < 1e-9);
+        assert!(h.attitude(at(1000)).is_none(), "forgotten");
+        assert!(h.attitude(at(1991)).is_none(), "future");
+    }
+}

@@ -1,0 +1,4 @@
+//! The navigator.
+pub mod budget;
+pub mod history;
+pub mod trust;

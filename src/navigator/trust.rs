@@ -1,0 +1,429 @@
+//! Is GNSS there, and does it tell the truth? Every fix gets a verdict with a reason.
+//!
+//! A receiver shows its loss in many ways (fix type 0 with the old position, zeros at 1 Hz, silence), and a lying one says that all
+//! is well. So a fix has to be a fix, to be as accurate as it must, to lie where the inertial prediction of the last tenths of a second
+//! expects it, and its positions have to move as its own velocities say. Loss is declared after a time without a good fix; it is
+//! not declared good again before a time of good ones.
+
+use nalgebra::Vector2;
+
+use crate::sample::{GnssFix, GnssSample};
+use crate::time::ApTime;
+
+/// Limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrustSettings {
+    /// No good fix for this long is a loss, s.
+    pub loss_s: f64,
+    /// Good fixes for this long end an outage, s.
+    pub recover_s: f64,
+    /// The same when the fixes lie further away than the uncertainty explains, s.
+    pub recover_far_s: f64,
+    /// Least number of satellites, where told.
+    pub min_satellites: u8,
+    /// Worst horizontal accuracy that a receiver may claim, m.
+    pub max_horizontal_accuracy_m: f64,
+    /// Innovations beyond this many sigmas are a jump.
+    pub gate_sigma: f64,
+    /// Least gate for the position, m: below it no fix is called a jump.
+    pub min_position_gate_m: f64,
+    /// Least gate for the velocity, m/s.
+    pub min_velocity_gate_mps: f64,
+    /// Time over which positions are compared with the integral of the velocities, s.
+    pub consistency_window_s: f64,
+    /// Disagreement that a healthy receiver may show over that time, m …
+    pub consistency_limit_m: f64,
+    /// … and per second of it, m/s.
+    pub consistency_rate_mps: f64,
+}
+
+/// Why a fix was not used, or GNSS is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum GnssFault {
+    /// No message came.
+    Silence,
+    /// The receiver says that it has no three-dimensional fix.
+    NoFix,
+    /// Too few satellites.
+    FewSatellites,
+    /// The receiver says that it is inaccurate.
+    Inaccurate,
+    /// The position jumped.
+    PositionJump,
+    /// The velocity jumped.
+    VelocityJump,
+    /// The positions do not move as the velocities say.
+    Inconsistent,
+    /// Older than what is remembered, or from the future.
+    Untimely,
+    /// Masked by the operator (replay's `--outage`).
+    Masked,
+}
+
+impl GnssFault {
+    /// All faults, in the order they are shown.
+    pub const ALL: [GnssFault; 9] = [
+        GnssFault::Silence,
+        GnssFault::NoFix,
+        GnssFault::FewSatellites,
+        GnssFault::Inaccurate,
+        GnssFault::PositionJump,
+        GnssFault::VelocityJump,
+        GnssFault::Inconsistent,
+        GnssFault::Untimely,
+        GnssFault::Masked,
+    ];
+
+    /// A few words for logs, tables and STATUSTEXT.
+    pub const fn reason(self) -> &'static str {
+        match self {
+            GnssFault::Silence => "silent",
+            GnssFault::NoFix => "no fix",
+            GnssFault::FewSatellites => "few satellites",
+            GnssFault::Inaccurate => "inaccurate",
+            GnssFault::PositionJump => "position jump",
+            GnssFault::VelocityJump => "velocity jump",
+            GnssFault::Inconsistent => "position contradicts velocity",
+            GnssFault::Untimely => "untimely",
+            GnssFault::Masked => "masked",
+        }
+    }
+}
+
+/// What GNSS is worth now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GnssState {
+    /// Not yet (or not again) good for long enough.
+    Untrusted(GnssFault),
+    /// Good.
+    Trusted,
+}
+
+/// How far a fix lies from the prediction at its own time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FixInnovation {
+    /// Horizontal position, m.
+    pub position_m: f64,
+    /// Horizontal velocity, m/s, if the fix has one.
+    pub velocity_mps: Option<f64>,
+    /// Standard deviation that the prediction adds, m: large after an outage.
+    pub position_sigma_m: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Track {
+    time: ApTime,
+    position_ne: Vector2<f64>,
+    /// ∫v dt, m.
+    travelled_ne: Vector2<f64>,
+    velocity_ne: Vector2<f64>,
+}
+
+/// Judges one receiver.
+#[derive(Clone, Debug)]
+pub struct GnssTrust {
+    settings: TrustSettings,
+    state: GnssState,
+    last_good: Option<ApTime>,
+    good_since: Option<ApTime>,
+    last_fault: GnssFault,
+    track: Vec<Track>,
+    oldest: usize,
+    /// Mean square innovation of good fixes: what this receiver and this vehicle normally show.
+    position_ms: f64,
+    velocity_ms: f64,
+}
+
+/// Fixes remembered for the consistency test (15 s at 8 Hz).
+const TRACK_LEN: usize = 128;
+/// A hole in the fixes longer than this ends the comparison of positions with velocities, s.
+const TRACK_HOLE_S: f64 = 1.0;
+
+impl GnssTrust {
+    /// Nothing heard yet.
+    pub fn new(settings: TrustSettings) -> Self {
+        Self {
+            settings,
+            state: GnssState::Untrusted(GnssFault::Silence),
+            last_good: None,
+            good_since: None,
+            last_fault: GnssFault::Silence,
+            track: Vec::with_capacity(TRACK_LEN),
+            oldest: 0,
+            position_ms: 1.0,
+            velocity_ms: 0.1,
+        }
+    }
+
+    /// What GNSS is worth now.
+    pub fn state(&self) -> GnssState {
+        self.state
+    }
+
+    /// Whether GNSS is trusted.
+    pub fn trusted(&self) -> bool {
+        self.state == GnssState::Trusted
+    }
+
+    /// Tests that need no prediction: is it a fix at all, and as good as it must be?
+    ///
+    /// # Errors
+    /// The fault.
+    pub fn admit(&self, fix: &GnssSample) -> Result<(), GnssFault> {
+        let s = &self.settings;
+        if fix.fix < GnssFix::ThreeD || fix.position.is_none() {
+            return Err(GnssFault::NoFix);
+        }
+        if fix.satellites.is_some_and(|n| n < s.min_satellites) {
+            return Err(GnssFault::FewSatellites);
+        }
+        if fix.horizontal_accuracy_m.is_some_and(|a| a > s.max_horizontal_accuracy_m) {
+            return Err(GnssFault::Inaccurate);
+        }
+        Ok(())
+    }
+
+    /// Tests an admitted fix against its prediction and against its own history. `innovation` is `None` as long as there is no
+    /// prediction.
+    ///
+    /// # Errors
+    /// The fault.
+    pub fn judge(
+        &mut self,
+        time: ApTime,
+        position_ne: Vector2<f64>,
+        velocity_ne: Option<Vector2<f64>>,
+        innovation: Option<FixInnovation>,
+    ) -> Result<(), GnssFault> {
+        let s = self.settings;
+        let consistent = velocity_ne.is_none_or(|v| self.follow(time, position_ne, v));
+        if let Some(i) = innovation {
+            let sigma = self.position_ms.sqrt().hypot(i.position_sigma_m);
+            if i.position_m > (s.gate_sigma * sigma).max(s.min_position_gate_m) {
+                return Err(GnssFault::PositionJump);
+            }
+            let gate = (s.gate_sigma * self.velocity_ms.sqrt()).max(s.min_velocity_gate_mps);
+            if i.velocity_mps.is_some_and(|v| v > gate) {
+                return Err(GnssFault::VelocityJump);
+            }
+            if !consistent {
+                return Err(GnssFault::Inconsistent);
+            }
+            self.position_ms += 0.02 * ((i.position_m * i.position_m).min(25.0) - self.position_ms);
+            if let Some(v) = i.velocity_mps {
+                self.velocity_ms += 0.02 * ((v * v).min(4.0) - self.velocity_ms);
+            }
+        } else if !consistent {
+            return Err(GnssFault::Inconsistent);
+        }
+        Ok(())
+    }
+
+    /// Notes that a fix passed every test. True when GNSS became trusted by it.
+    pub fn good(&mut self, time: ApTime, far: bool) -> bool {
+        let since = *self.good_since.get_or_insert(time);
+        self.last_good = Some(time);
+        let needed = if far { self.settings.recover_far_s } else { self.settings.recover_s };
+        if self.state == GnssState::Trusted || time.seconds_since(since) < needed {
+            return false;
+        }
+        self.state = GnssState::Trusted;
+        true
+    }
+
+    /// Notes a fix that failed a test, and its time. True when GNSS is lost by it.
+    pub fn bad(&mut self, now: ApTime, fault: GnssFault) -> bool {
+        self.last_fault = fault;
+        self.good_since = None;
+        if let GnssState::Untrusted(_) = self.state {
+            self.state = GnssState::Untrusted(fault);
+        }
+        self.check(now)
+    }
+
+    /// Looks at the time that has passed since the last good fix. True when GNSS is lost by it.
+    pub fn check(&mut self, now: ApTime) -> bool {
+        let quiet = self.last_good.map_or(f64::INFINITY, |t| now.seconds_since(t));
+        if quiet < self.settings.loss_s {
+            return false;
+        }
+        self.good_since = None;
+        let was = self.state == GnssState::Trusted;
+        self.state = GnssState::Untrusted(self.last_fault);
+        self.last_fault = GnssFault::Silence;
+        was
+    }
+
+    /// How far the positions have run away from the velocities over the window, NE, m: what a slow lie has added so far.
+    pub fn run_away(&self) -> Vector2<f64> {
+        match (self.track.get(self.oldest_index()), self.newest()) {
+            (Some(old), Some(new)) => {
+                (new.position_ne - old.position_ne) - (new.travelled_ne - old.travelled_ne)
+            }
+            _ => Vector2::zeros(),
+        }
+    }
+
+    /// Forgets the track: positions before and after are not comparable.
+    pub fn forget_track(&mut self) {
+        self.track.clear();
+        self.oldest = 0;
+    }
+
+    fn newest(&self) -> Option<&Track> {
+        let n = self.track.len();
+        if n < TRACK_LEN { self.track.last() } else { self.track.get((self.oldest + n - 1) % n) }
+    }
+
+    fn oldest_index(&self) -> usize {
+        self.oldest
+    }
+
+    /// Adds a fix to the track and says whether positions and velocities still agree.
+    fn follow(&mut self, time: ApTime, position_ne: Vector2<f64>, velocity_ne: Vector2<f64>) -> bool {
+        let s = self.settings;
+        let travelled_ne = match self.newest() {
+            Some(last) => {
+                let dt = time.seconds_since(last.time);
+                if !(0.0..=TRACK_HOLE_S).contains(&dt) {
+                    self.forget_track();
+                    Vector2::zeros()
+                } else {
+                    last.travelled_ne + (last.velocity_ne + velocity_ne) * (0.5 * dt)
+                }
+            }
+            None => Vector2::zeros(),
+        };
+        let entry = Track { time, position_ne, travelled_ne, velocity_ne };
+        if self.track.len() < TRACK_LEN {
+            self.track.push(entry);
+        } else {
+            self.track[self.oldest] = entry;
+            self.oldest = (self.oldest + 1) % TRACK_LEN;
+        }
+        let n = self.track.len();
+        // The oldest entry within the window.
+        let mut from = entry;
+        for i in 0..n {
+            let candidate = self.track[(self.oldest + i) % n];
+            if time.seconds_since(candidate.time) <= s.consistency_window_s {
+                from = candidate;
+                break;
+            }
+        }
+        let window = time.seconds_since(from.time);
+        let gap = (position_ne - from.position_ne) - (travelled_ne - from.travelled_ne);
+        // Receivers filter position and velocity differently: a tenth of a second of the change of velocity is no lie.
+        let slack = 0.1 * (velocity_ne - from.velocity_ne).norm();
+        gap.norm() <= s.consistency_limit_m + s.consistency_rate_mps * window + slack
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> TrustSettings {
+        TrustSettings {
+            loss_s: 1.0,
+            recover_s: 3.0,
+            recover_far_s: 10.0,
+            min_satellites: 5,
+            max_horizontal_accuracy_m: 10.0,
+            gate_sigma: 5.0,
+            min_position_gate_m: 4.0,
+            min_velocity_gate_mps: 2.0,
+            consistency_window_s: 15.0,
+            consistency_limit_m: 4.0,
+            consistency_rate_mps: 0.15,
+        }
+    }
+
+    fn at(s: f64) -> ApTime {
+        ApTime::from_micros((s * 1e6) as i64)
+    }
+
+    fn near() -> Option<FixInnovation> {
+        Some(FixInnovation { position_m: 0.3, velocity_mps: Some(0.1), position_sigma_m: 0.1 })
+    }
+
+    fn trusted_after(seconds: f64) -> GnssTrust {
+        let mut t = GnssTrust::new(settings());
+        let mut time = 0.0;
+        while time < seconds {
+            let v = Vector2::new(3.0, 0.0);
+            assert_eq!(t.judge(at(time), v * time, Some(v), near()), Ok(()));
+            t.good(at(time), false);
+            time += 0.2;
+        }
+        t
+    }
+
+    #[test]
+    fn trust_takes_time_and_silence_ends_it() {
+        let mut t = trusted_after(2.0);
+        assert!(!t.trusted());
+        t = trusted_after(4.0);
+        assert!(t.trusted());
+        assert!(!t.check(at(4.5)));
+        assert!(t.check(at(5.2)));
+        assert_eq!(t.state(), GnssState::Untrusted(GnssFault::Silence));
+    }
+
+    #[test]
+    fn a_jump_is_rejected_and_then_declared() {
+        let mut t = trusted_after(10.0);
+        let far = Some(FixInnovation { position_m: 40.0, velocity_mps: Some(0.1), position_sigma_m: 0.2 });
+        let mut lost = false;
+        for k in 0..10 {
+            let time = 10.0 + 0.2 * f64::from(k);
+            let verdict = t.judge(at(time), Vector2::new(70.0, 0.0), Some(Vector2::new(3.0, 0.0)), far);
+            assert_eq!(verdict, Err(GnssFault::PositionJump));
+            lost |= t.bad(at(time), GnssFault::PositionJump);
+        }
+        assert!(lost);
+        assert_eq!(t.state(), GnssState::Untrusted(GnssFault::PositionJump));
+    }
+
+    #[test]
+    fn a_slow_walk_is_found_within_ten_seconds_and_its_size_is_known() {
+        let mut t = trusted_after(30.0);
+        let v = Vector2::new(3.0, 0.0);
+        let mut found = None;
+        for k in 0..100 {
+            let time = 30.0 + 0.2 * f64::from(k);
+            let walked = Vector2::new(0.0, 0.75 * (time - 30.0));
+            if t.judge(at(time), v * time + walked, Some(v), near()).is_err() {
+                found = Some((time, walked));
+                break;
+            }
+        }
+        let (time, walked) = found.unwrap();
+        assert!(time < 41.0, "{time}");
+        assert!((t.run_away() - walked).norm() < 1.0, "{} {walked}", t.run_away());
+    }
+
+    #[test]
+    fn a_fix_has_to_be_one() {
+        let t = GnssTrust::new(settings());
+        let mut fix = GnssSample {
+            time: at(0.0),
+            receiver: 0,
+            fix: GnssFix::ThreeD,
+            position: Some(crate::geo::Geodetic::from_degrees(47.0, 8.0, 400.0)),
+            ground_velocity: None,
+            horizontal_accuracy_m: None,
+            vertical_accuracy_m: None,
+            speed_accuracy_mps: None,
+            satellites: None,
+        };
+        assert_eq!(t.admit(&fix), Ok(()));
+        fix.satellites = Some(3);
+        assert_eq!(t.admit(&fix), Err(GnssFault::FewSatellites));
+        fix.satellites = Some(12);
+        fix.horizontal_accuracy_m = Some(35.0);
+        assert_eq!(t.admit(&fix), Err(GnssFault::Inaccurate));
+        fix.fix = GnssFix::None;
+        assert_eq!(t.admit(&fix), Err(GnssFault::NoFix));
+    }
+}
