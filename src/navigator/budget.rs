@@ -160,7 +160,7 @@ mod tests {
     }
 
     fn carry(b: &mut ErrorBudget, yaw: f64, v: Vector2<f64>, seconds: f64) {
-        let r = crate::geo::so3::Euler { roll: 0.0, pitch: 0.0, yaw }.to_rotation();
+        let r = crate::geo::so3::Euler { roll_rad: 0.0, pitch_rad: 0.0, yaw_rad: yaw }.to_rotation();
         let v_ne = r.fixed_view::<2, 2>(0, 0) * v;
         for _ in 0..(seconds / 0.1) as usize {
             b.carried(0.1, &r, &FlowCalibration::jacobian(&v), &v_ne, 0.0, true);

@@ -129,6 +129,7 @@ pub struct GnssTrust {
     last_fault: GnssFault,
     track: Vec<Track>,
     oldest: usize,
+    run_away_ne: Vector2<f64>,
     /// Mean square innovation of good fixes: what this receiver and this vehicle normally show.
     position_ms: f64,
     velocity_ms: f64,
@@ -150,6 +151,7 @@ impl GnssTrust {
             last_fault: GnssFault::Silence,
             track: Vec::with_capacity(TRACK_LEN),
             oldest: 0,
+            run_away_ne: Vector2::zeros(),
             position_ms: 1.0,
             velocity_ms: 0.1,
         }
@@ -256,27 +258,19 @@ impl GnssTrust {
 
     /// How far the positions have run away from the velocities over the window, NE, m: what a slow lie has added so far.
     pub fn run_away(&self) -> Vector2<f64> {
-        match (self.track.get(self.oldest_index()), self.newest()) {
-            (Some(old), Some(new)) => {
-                (new.position_ne - old.position_ne) - (new.travelled_ne - old.travelled_ne)
-            }
-            _ => Vector2::zeros(),
-        }
+        self.run_away_ne
     }
 
     /// Forgets the track: positions before and after are not comparable.
     pub fn forget_track(&mut self) {
         self.track.clear();
         self.oldest = 0;
+        self.run_away_ne = Vector2::zeros();
     }
 
     fn newest(&self) -> Option<&Track> {
         let n = self.track.len();
         if n < TRACK_LEN { self.track.last() } else { self.track.get((self.oldest + n - 1) % n) }
-    }
-
-    fn oldest_index(&self) -> usize {
-        self.oldest
     }
 
     /// Adds a fix to the track and says whether positions and velocities still agree.
@@ -312,10 +306,10 @@ impl GnssTrust {
             }
         }
         let window = time.seconds_since(from.time);
-        let gap = (position_ne - from.position_ne) - (travelled_ne - from.travelled_ne);
+        self.run_away_ne = (position_ne - from.position_ne) - (travelled_ne - from.travelled_ne);
         // Receivers filter position and velocity differently: a tenth of a second of the change of velocity is no lie.
         let slack = 0.1 * (velocity_ne - from.velocity_ne).norm();
-        gap.norm() <= s.consistency_limit_m + s.consistency_rate_mps * window + slack
+        self.run_away_ne.norm() <= s.consistency_limit_m + s.consistency_rate_mps * window + slack
     }
 }
 

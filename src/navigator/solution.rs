@@ -1,0 +1,81 @@
+//! What the navigator believes.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
+
+use crate::time::ApTime;
+
+/// What the navigator is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+pub enum Mode {
+    /// Finding attitude, heading and place; nothing is known yet.
+    Aligning,
+    /// GNSS is trusted and used.
+    Aided,
+    /// GNSS is not trusted: dead reckoning.
+    Holdover,
+    /// GNSS is good again; the position glides over to it.
+    Rejoining,
+    /// The position is not known well enough to be used by anybody.
+    Lost,
+}
+
+impl Mode {
+    /// Its name, as in the JSON.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Mode::Aligning => "Aligning",
+            Mode::Aided => "Aided",
+            Mode::Holdover => "Holdover",
+            Mode::Rejoining => "Rejoining",
+            Mode::Lost => "Lost",
+        }
+    }
+}
+
+/// What carries the horizontal velocity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Carrier {
+    /// GNSS position and velocity.
+    Gnss,
+    /// Optical flow and height.
+    Flow,
+    /// Nothing: inertial coasting.
+    Inertial,
+}
+
+/// Position, velocity and attitude with their uncertainty. All in NED at the navigator's origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// When it holds.
+    pub time: ApTime,
+    /// The mode.
+    pub mode: Mode,
+    /// What carries the horizontal velocity.
+    pub carrier: Carrier,
+    /// Position, m.
+    pub position_ned: Vector3<f64>,
+    /// Velocity, m/s.
+    pub velocity_ned: Vector3<f64>,
+    /// Rotation that maps body (FRD) vectors to NED; orthonormal.
+    pub r_body_to_ned: Matrix3<f64>,
+    /// Angular rate less the estimated gyro bias, body, rad/s.
+    pub angular_rate_body: Vector3<f64>,
+    /// Covariance of the position, m².
+    pub position_covariance: Matrix3<f64>,
+    /// Covariance of the velocity, m²/s².
+    pub velocity_covariance: Matrix3<f64>,
+    /// Variances of roll, pitch and yaw, rad².
+    pub attitude_variance: Vector3<f64>,
+    /// Changes when the position had to jump.
+    pub reset_counter: u8,
+}
+
+impl Solution {
+    /// Standard deviation of the horizontal position: the root of the mean of its two variances, m.
+    pub fn horizontal_sigma_m(&self) -> f64 {
+        let p = &self.position_covariance;
+        (0.5 * (p[(0, 0)] + p[(1, 1)])).max(0.0).sqrt()
+    }
+}

@@ -1,0 +1,63 @@
+//! Where our frame lies in the autopilot's.
+//!
+//! Both are NED at the same origin once GPS_GLOBAL_ORIGIN is known, and still differ by what the two filters make of the same
+//! sensors (a metre, or more in height, where the autopilot follows the barometer). An autopilot that switches over to our position
+//! would jump by that. So while GNSS is good and the autopilot does not live on our output, the difference is averaged; in
+//! holdover it stands.
+
+use nalgebra::Vector3;
+
+use crate::navigator::solution::Solution;
+use crate::time::ApTime;
+
+/// Averaging time, s.
+const TIME_CONSTANT_S: f64 = 10.0;
+/// Observations needed before the average alone is an alignment.
+const ENOUGH: u32 = 20;
+/// Autopilot positions older than this are not compared, s.
+const MAX_AGE_S: f64 = 0.5;
+
+/// Offset from our frame to the autopilot's.
+#[derive(Clone, Debug)]
+pub struct Alignment {
+    offset_ned: Vector3<f64>,
+    observations: u32,
+    last: Option<ApTime>,
+    origin_shared: bool,
+}
+
+impl Alignment {
+    /// Nothing known.
+    pub(super) fn new() -> Self {
+        Self { offset_ned: Vector3::zeros(), observations: 0, last: None, origin_shared: false }
+    }
+
+    /// What to add to our position to have it in the autopilot's frame, m.
+    pub fn offset_ned(&self) -> Vector3<f64> {
+        self.offset_ned
+    }
+
+    /// Whether the frames are known to agree: by a shared origin, or by comparing positions.
+    pub fn aligned(&self) -> bool {
+        self.origin_shared || self.observations >= ENOUGH
+    }
+
+    pub(super) fn origin_shared(&mut self) {
+        self.origin_shared = true;
+    }
+
+    pub(super) fn observe(&mut self, time: ApTime, autopilot_ned: &Vector3<f64>, solution: &Solution) {
+        let age = solution.time.seconds_since(time);
+        if age.abs() > MAX_AGE_S || self.last.is_some_and(|t| time <= t) {
+            return;
+        }
+        let ours = solution.position_ned - solution.velocity_ned * age;
+        let difference = autopilot_ned - ours;
+        let dt = self.last.map_or(0.2, |t| time.seconds_since(t).min(1.0));
+        // The plain mean at first, a low pass later.
+        let gain = (dt / TIME_CONSTANT_S).max(1.0 / f64::from(self.observations + 1));
+        self.offset_ned += (difference - self.offset_ned) * gain.min(1.0);
+        self.observations = self.observations.saturating_add(1);
+        self.last = Some(time);
+    }
+}

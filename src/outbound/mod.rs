@@ -1,0 +1,346 @@
+//! What the autopilot may be told, and when: the message, its frames, rate, covariance, quality and reset counter.
+//!
+//! The rules come from the autopilots: ArduPilot reads ODOMETRY only in (MAV_FRAME_LOCAL_FRD, MAV_FRAME_BODY_FRD) and takes x, y, z as
+//! north, east, down from its EKF's origin; PX4 wants MAV_FRAME_LOCAL_NED and believes the diagonal of the covariance. Both fly
+//! off by whatever the frame is off, so nothing is sent before the frame is aligned with the autopilot's own ([`alignment`]).
+//! Messages are paced by the solution's time: when the stream of samples stops, so does the output, and no pose is sent twice.
+
+pub mod alignment;
+pub mod message;
+
+use std::str::FromStr;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::geo::so3;
+use crate::navigator::solution::{Mode, Solution};
+use crate::sample::Reference;
+use crate::time::{ApTime, Span};
+
+use alignment::Alignment;
+use message::{Odometry, OutboundMessage, PoseFrame, VisionPosition};
+
+/// When to send.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Publish {
+    /// While GNSS is not trusted, and until the position has glided back.
+    Holdover,
+    /// Whenever there is a solution.
+    Always,
+    /// Not at all: look, do not touch.
+    Never,
+}
+
+/// Which message carries the solution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Carriage {
+    /// ODOMETRY (331).
+    Odometry,
+    /// VISION_POSITION_ESTIMATE (102), and for ArduPilot VISION_SPEED_ESTIMATE (103).
+    VisionPositionEstimate,
+}
+
+/// How a kind of autopilot wants to be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// ArduPilot.
+    Ardupilot,
+    /// PX4.
+    Px4,
+}
+
+impl FromStr for Profile {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        match s {
+            "ardupilot" => Ok(Profile::Ardupilot),
+            "px4" => Ok(Profile::Px4),
+            other => Err(format!("unknown profile \"{other}\": expected \"ardupilot\" or \"px4\"")),
+        }
+    }
+}
+
+/// Settings of the output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutboundSettings {
+    /// When to send.
+    pub publish: Publish,
+    /// Which message.
+    pub carriage: Carriage,
+    /// For whom.
+    pub profile: Profile,
+    /// Messages a second.
+    pub rate_hz: f64,
+    /// Horizontal uncertainty at which the quality reaches 1, m: where the navigator calls itself lost.
+    pub worst_sigma_m: f64,
+    /// For how long a lost navigator says so (quality -1) before it is silent, s.
+    pub farewell_s: f64,
+}
+
+/// The output of one vehicle.
+#[derive(Clone, Debug)]
+pub struct Outbound {
+    settings: OutboundSettings,
+    alignment: Alignment,
+    due: Option<ApTime>,
+    last_published: Option<ApTime>,
+    lost_since: Option<ApTime>,
+    sent: u64,
+}
+
+impl Outbound {
+    /// An output that has sent nothing.
+    pub fn new(settings: OutboundSettings) -> Self {
+        Self { settings, alignment: Alignment::new(), due: None, last_published: None, lost_since: None, sent: 0 }
+    }
+
+    /// Settings in force.
+    pub fn settings(&self) -> &OutboundSettings {
+        &self.settings
+    }
+
+    /// The autopilot is of this kind.
+    pub fn set_profile(&mut self, profile: Profile) {
+        self.settings.profile = profile;
+    }
+
+    /// Position messages made so far.
+    pub fn sent(&self) -> u64 {
+        self.sent
+    }
+
+    /// How our frame lies in the autopilot's.
+    pub fn alignment(&self) -> &Alignment {
+        &self.alignment
+    }
+
+    /// The autopilot has told its origin, and the navigator's frame has been put there.
+    pub fn origin_shared(&mut self) {
+        self.alignment.origin_shared();
+    }
+
+    /// The autopilot has rebooted: its frame is a new one.
+    pub fn restart(&mut self) {
+        self.alignment = Alignment::new();
+        self.due = None;
+        self.last_published = None;
+        self.lost_since = None;
+    }
+
+    /// The autopilot's own estimate, while it is not built on ours: aligns the frames.
+    pub fn reference(&mut self, reference: &Reference, solution: &Solution) {
+        // The autopilot may still be digesting what it was sent.
+        let independent = self.last_published.is_none_or(|t| solution.time.seconds_since(t) > 10.0);
+        if let Reference::Local { time, position_ned, .. } = reference
+            && solution.mode == Mode::Aided
+            && independent
+        {
+            self.alignment.observe(*time, position_ned, solution);
+        }
+    }
+
+    /// The newest solution: appends what is to be sent now.
+    pub fn step(&mut self, solution: &Solution, out: &mut Vec<OutboundMessage>) {
+        let wanted = match (self.settings.publish, solution.mode) {
+            (Publish::Never, _) | (_, Mode::Aligning) => false,
+            (Publish::Always, Mode::Aided) | (_, Mode::Holdover | Mode::Rejoining) => true,
+            (Publish::Holdover, Mode::Aided) => false,
+            (_, Mode::Lost) => self.farewell(solution.time),
+        };
+        if solution.mode != Mode::Lost {
+            self.lost_since = None;
+        }
+        if !wanted || !self.alignment.aligned() {
+            self.due = None;
+            return;
+        }
+        let due = *self.due.get_or_insert(solution.time);
+        if solution.time < due {
+            return;
+        }
+        let period = Span::from_seconds(1.0 / self.settings.rate_hz);
+        // After a hole the missed messages are not made up for.
+        self.due = Some(if solution.time - due > period { solution.time + period } else { due + period });
+        self.last_published = Some(solution.time);
+        self.sent += 1;
+        match self.settings.carriage {
+            Carriage::Odometry => out.push(OutboundMessage::Odometry(self.odometry(solution))),
+            Carriage::VisionPositionEstimate if solution.mode == Mode::Lost => {} // It cannot say that it is lost.
+            Carriage::VisionPositionEstimate => {
+                let odometry = self.odometry(solution);
+                out.push(OutboundMessage::VisionPosition(VisionPosition {
+                    time: odometry.time,
+                    position: odometry.position,
+                    euler: so3::Euler::from_rotation(&solution.r_body_to_ned),
+                    pose_covariance: odometry.pose_covariance,
+                    reset_counter: odometry.reset_counter,
+                }));
+                if self.settings.profile == Profile::Ardupilot {
+                    out.push(OutboundMessage::VisionSpeed {
+                        time: solution.time,
+                        velocity_ned: solution.velocity_ned,
+                        covariance: solution.velocity_covariance,
+                        reset_counter: solution.reset_counter,
+                    });
+                }
+            }
+        }
+    }
+
+    fn farewell(&mut self, now: ApTime) -> bool {
+        // Only somebody who was listened to says good-bye.
+        let listened = self.last_published.is_some_and(|t| now.seconds_since(t) < 1.0);
+        if self.lost_since.is_none() && !listened {
+            return false;
+        }
+        let since = *self.lost_since.get_or_insert(now);
+        now.seconds_since(since) <= self.settings.farewell_s
+    }
+
+    fn odometry(&self, s: &Solution) -> Odometry {
+        let r = &s.r_body_to_ned;
+        let velocity_covariance = r.transpose() * s.velocity_covariance * r;
+        Odometry {
+            time: s.time,
+            frame: match self.settings.profile {
+                Profile::Ardupilot => PoseFrame::LocalFrd,
+                Profile::Px4 => PoseFrame::LocalNed,
+            },
+            position: s.position_ned + self.alignment.offset_ned(),
+            attitude: so3::to_quaternion(r),
+            velocity_body: r.transpose() * s.velocity_ned,
+            angular_rate_body: s.angular_rate_body,
+            pose_covariance: message::upper_triangle(&s.position_covariance, &s.attitude_variance),
+            velocity_covariance: message::upper_triangle(
+                &velocity_covariance,
+                &Vector3::from_element(RATE_VARIANCE),
+            ),
+            reset_counter: s.reset_counter,
+            quality: self.quality(s),
+        }
+    }
+
+    /// -1 when lost, else 100 for perfect down to 1 at the largest uncertainty allowed. Never 0: that means "not known".
+    fn quality(&self, s: &Solution) -> i8 {
+        if s.mode == Mode::Lost {
+            return -1;
+        }
+        let used = (s.horizontal_sigma_m() / self.settings.worst_sigma_m).clamp(0.0, 1.0);
+        (100.0 * (1.0 - used)).round().clamp(1.0, 100.0) as i8
+    }
+}
+
+/// Variance of the angular rate that is sent along, rad²/s²: a MEMS gyro's.
+const RATE_VARIANCE: f64 = 1e-4;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::navigator::solution::Carrier;
+    use nalgebra::Matrix3;
+
+    fn settings(publish: Publish) -> OutboundSettings {
+        OutboundSettings {
+            publish,
+            carriage: Carriage::Odometry,
+            profile: Profile::Ardupilot,
+            rate_hz: 30.0,
+            worst_sigma_m: 50.0,
+            farewell_s: 1.0,
+        }
+    }
+
+    fn solution(ms: i64, mode: Mode) -> Solution {
+        Solution {
+            time: ApTime::from_micros(ms * 1000),
+            mode,
+            carrier: Carrier::Flow,
+            position_ned: Vector3::new(10.0, 20.0, -5.0),
+            velocity_ned: Vector3::new(1.0, 2.0, 0.5),
+            r_body_to_ned: so3::exp(&Vector3::new(0.1, -0.2, 2.0)),
+            angular_rate_body: Vector3::zeros(),
+            position_covariance: Matrix3::identity() * 4.0,
+            velocity_covariance: Matrix3::identity() * 0.04,
+            attitude_variance: Vector3::new(1e-4, 1e-4, 4e-4),
+            reset_counter: 3,
+        }
+    }
+
+    fn run(out: &mut Outbound, from_ms: i64, to_ms: i64, mode: Mode) -> Vec<Odometry> {
+        let mut messages = Vec::new();
+        for ms in (from_ms..to_ms).step_by(5) {
+            out.step(&solution(ms, mode), &mut messages);
+        }
+        messages
+            .into_iter()
+            .map(|m| match m {
+                OutboundMessage::Odometry(o) => o,
+                other => panic!("{other:?}"),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn thirty_a_second_in_holdover_and_none_while_aided() {
+        let mut out = Outbound::new(settings(Publish::Holdover));
+        out.origin_shared();
+        assert_eq!(run(&mut out, 0, 1000, Mode::Aided).len(), 0);
+        let sent = run(&mut out, 1000, 11_000, Mode::Holdover);
+        assert!((299..=301).contains(&sent.len()), "{}", sent.len());
+        assert!(sent.windows(2).all(|w| w[1].time > w[0].time));
+        assert_eq!(sent[0].frame, PoseFrame::LocalFrd);
+        assert!((sent[0].attitude.norm() - 1.0).abs() < 1e-12);
+        let v = solution(0, Mode::Holdover);
+        assert!((sent[0].velocity_body - v.r_body_to_ned.transpose() * v.velocity_ned).norm() < 1e-12);
+        assert_eq!(run(&mut out, 11_000, 12_000, Mode::Aided).len(), 0);
+    }
+
+    #[test]
+    fn the_lost_say_so_and_are_silent_then() {
+        let mut out = Outbound::new(settings(Publish::Holdover));
+        out.origin_shared();
+        assert_eq!(run(&mut out, 0, 500, Mode::Lost).len(), 0, "nobody was listening");
+        assert!(run(&mut out, 500, 1500, Mode::Holdover).iter().all(|o| o.quality == 96));
+        let farewell = run(&mut out, 1500, 9000, Mode::Lost);
+        assert!((29..=32).contains(&farewell.len()), "{}", farewell.len());
+        assert!(farewell.iter().all(|o| o.quality == -1));
+    }
+
+    #[test]
+    fn an_unaligned_frame_is_not_sent() {
+        let mut out = Outbound::new(settings(Publish::Always));
+        assert_eq!(run(&mut out, 0, 1000, Mode::Holdover).len(), 0);
+    }
+
+    #[test]
+    fn the_autopilots_frame_is_taken_while_gnss_is_good() {
+        let mut out = Outbound::new(settings(Publish::Holdover));
+        for ms in (0..30_000).step_by(200) {
+            let s = solution(ms, Mode::Aided);
+            let reference = Reference::Local {
+                time: s.time,
+                position_ned: s.position_ned + Vector3::new(0.5, -1.0, 2.0),
+                velocity_ned: s.velocity_ned,
+            };
+            out.reference(&reference, &s);
+        }
+        let sent = run(&mut out, 30_000, 30_100, Mode::Holdover);
+        assert!((sent[0].position - Vector3::new(10.5, 19.0, -3.0)).norm() < 0.05, "{}", sent[0].position);
+    }
+
+    #[test]
+    fn px4_gets_ned_and_the_diagonal_of_the_covariance() {
+        let mut out = Outbound::new(settings(Publish::Always));
+        out.set_profile(Profile::Px4);
+        out.origin_shared();
+        let o = &run(&mut out, 0, 100, Mode::Aided)[0];
+        assert_eq!(o.frame, PoseFrame::LocalNed);
+        for (i, v) in [(0, 4.0), (6, 4.0), (11, 4.0), (15, 1e-4), (18, 1e-4), (20, 4e-4)] {
+            assert!((o.pose_covariance[i] - v).abs() < 1e-12);
+        }
+    }
+}
