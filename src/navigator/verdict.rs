@@ -1,0 +1,105 @@
+//! What became of every sample: used, waiting, or rejected with a reason. Silence is a bug, so all of it is counted.
+
+use std::collections::BTreeMap;
+
+use crate::camera::calibration::Distrust;
+use crate::sample::SampleKind;
+
+use super::trust::GnssFault;
+
+/// Why a sample was not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Reason {
+    /// A number in it is not finite.
+    NotFinite,
+    /// Older than the newest of its kind.
+    OutOfOrder,
+    /// There is no origin, attitude or height yet to use it with.
+    NoReferenceYet,
+    /// The innovation is out of bounds.
+    Innovation,
+    /// The GNSS trust monitor rejected it.
+    Gnss(GnssFault),
+    /// Another sensor of the same kind is used.
+    Redundant,
+    /// Switched off by configuration.
+    SwitchedOff,
+    /// The magnetic field has the wrong strength.
+    FieldStrength,
+    /// The flow sensor itself calls it bad.
+    LowQuality,
+    /// The height over the ground is not known, or the vehicle stands.
+    NoDistance,
+    /// The vehicle leans too much for the ground to be seen.
+    Tilt,
+    /// Beyond the sensor's own limits.
+    OutOfRange,
+    /// The sensor contradicts GNSS.
+    Distrusted,
+    /// This version of the navigator makes no use of it.
+    NotUsed,
+}
+
+impl Reason {
+    /// A few words for tables.
+    pub fn label(self) -> String {
+        match self {
+            Reason::NotFinite => "not finite".into(),
+            Reason::OutOfOrder => "out of order".into(),
+            Reason::NoReferenceYet => "no reference yet".into(),
+            Reason::Innovation => "innovation out of bounds".into(),
+            Reason::Gnss(fault) => fault.reason().into(),
+            Reason::Redundant => "another sensor is used".into(),
+            Reason::SwitchedOff => "switched off".into(),
+            Reason::FieldStrength => "wrong field strength".into(),
+            Reason::LowQuality => "low quality".into(),
+            Reason::NoDistance => "no height over ground".into(),
+            Reason::Tilt => "too much tilt".into(),
+            Reason::OutOfRange => "out of range".into(),
+            Reason::Distrusted => "contradicts GNSS".into(),
+            Reason::NotUsed => "not used".into(),
+        }
+    }
+}
+
+impl From<Distrust> for Reason {
+    fn from(_: Distrust) -> Self {
+        Reason::Distrusted
+    }
+}
+
+/// What became of a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It corrected or propagated the solution, or taught a calibration.
+    Used,
+    /// It was not used.
+    Rejected(Reason),
+}
+
+/// Counts of verdicts by kind of sample.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    used: [u64; SampleKind::ALL.len()],
+    rejected: BTreeMap<(SampleKind, Reason), u64>,
+}
+
+impl Tally {
+    /// Counts one.
+    pub fn count(&mut self, kind: SampleKind, verdict: Verdict) {
+        match verdict {
+            Verdict::Used => self.used[kind as usize] += 1,
+            Verdict::Rejected(reason) => *self.rejected.entry((kind, reason)).or_default() += 1,
+        }
+    }
+
+    /// Samples of `kind` that were used.
+    pub fn used(&self, kind: SampleKind) -> u64 {
+        self.used[kind as usize]
+    }
+
+    /// Rejections of `kind` by reason.
+    pub fn rejected(&self, kind: SampleKind) -> impl Iterator<Item = (Reason, u64)> + '_ {
+        self.rejected.iter().filter(move |((k, _), _)| *k == kind).map(|((_, r), n)| (*r, *n))
+    }
+}
