@@ -4,6 +4,7 @@ pub mod altimeter;
 pub mod camera;
 pub mod geo;
 pub mod navigator;
+pub mod observer;
 pub mod outbound;
 pub mod sample;
 pub mod time;

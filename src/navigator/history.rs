@@ -11,6 +11,7 @@ struct Past {
     r_body_to_ned: Matrix3<f64>,
     /// ∫ω dt in body axes since the start, rad: differences give mean rates.
     turned_body: Vector3<f64>,
+    acceleration_ned: Vector3<f64>,
 }
 
 /// A ring of remembered instants; nothing is allocated after construction.
@@ -24,7 +25,7 @@ pub struct History {
 impl History {
     /// Remembers `capacity` IMU samples (512 are 2 s at 250 Hz).
     pub fn new(capacity: usize) -> Self {
-        let empty = Past { time: ApTime::from_micros(0), r_body_to_ned: Matrix3::identity(), turned_body: Vector3::zeros() };
+        let empty = Past { time: ApTime::from_micros(0), r_body_to_ned: Matrix3::identity(), turned_body: Vector3::zeros(), acceleration_ned: Vector3::zeros() };
         Self { ring: vec![empty; capacity.max(2)], next: 0, len: 0 }
     }
 
@@ -34,10 +35,16 @@ impl History {
         self.next = 0;
     }
 
-    /// Adds the newest instant: the attitude, and the rotation since the last one, rad in body axes.
-    pub fn push(&mut self, time: ApTime, r_body_to_ned: Matrix3<f64>, turned: Vector3<f64>) {
+    /// Adds the newest instant: the attitude, the rotation since the last one (rad, body axes) and the acceleration (NED, m/s²).
+    pub fn push(
+        &mut self,
+        time: ApTime,
+        r_body_to_ned: Matrix3<f64>,
+        turned: Vector3<f64>,
+        acceleration_ned: Vector3<f64>,
+    ) {
         let turned_body = self.back(0).map_or(turned, |last| last.turned_body + turned);
-        self.ring[self.next] = Past { time, r_body_to_ned, turned_body };
+        self.ring[self.next] = Past { time, r_body_to_ned, turned_body, acceleration_ned };
         self.next = (self.next + 1) % self.ring.len();
         self.len = (self.len + 1).min(self.ring.len());
     }
@@ -63,11 +70,19 @@ impl History {
         None
     }
 
+    /// The acceleration at `time` (the nearest remembered one), NED, m/s².
+    pub fn acceleration(&self, time: ApTime) -> Option<Vector3<f64>> {
+        Some(self.nearest(time)?.acceleration_ned)
+    }
+
     /// The attitude at `time` (the nearest remembered one); `None` beyond what is remembered.
     pub fn attitude(&self, time: ApTime) -> Option<Matrix3<f64>> {
+        Some(self.nearest(time)?.r_body_to_ned)
+    }
+
+    fn nearest(&self, time: ApTime) -> Option<&Past> {
         let (earlier, later) = self.around(time)?;
-        let nearer = if (time - earlier.time) < (later.time - time) { earlier } else { later };
-        Some(nearer.r_body_to_ned)
+        Some(if (time - earlier.time) < (later.time - time) { earlier } else { later })
     }
 
     /// The mean angular rate of the body between two times, rad/s; `None` beyond what is remembered.
@@ -100,7 +115,8 @@ mod tests {
         for k in 0..200i64 {
             let t = k as f64 * 0.01;
             let r = so3::exp(&Vector3::new(0.0, 0.0, t));
-            h.push(ApTime::from_micros(k * 10_000), r, Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 }));
+            let turned = Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 });
+            h.push(ApTime::from_micros(k * 10_000), r, turned, Vector3::new(t, 0.0, 0.0));
         }
         let at = |ms: i64| ApTime::from_micros(ms * 1000);
         assert!((h.mean_rate(at(1700), at(1780)).unwrap().z - 1.0).abs() < 1e-9);
@@ -108,6 +124,7 @@ mod tests {
         assert!((h.mean_rate(at(1985), at(1985)).unwrap().z - 2.0).abs() < 1e-9);
         let r = h.attitude(at(1803)).unwrap();
         assert!((so3::log(&r).z - 1.80).abs() < 1e-9);
+        assert!((h.acceleration(at(1803)).unwrap().x - 1.80).abs() < 1e-9);
         assert!(h.attitude(at(1000)).is_none(), "forgotten");
         assert!(h.attitude(at(1991)).is_none(), "future");
     }

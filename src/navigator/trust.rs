@@ -106,8 +106,30 @@ pub struct FixInnovation {
     pub position_m: f64,
     /// Horizontal velocity, m/s, if the fix has one.
     pub velocity_mps: Option<f64>,
-    /// Standard deviation that the prediction adds, m: large after an outage.
+    /// Standard deviation that the prediction adds to the position, m: large after an outage.
     pub position_sigma_m: f64,
+    /// The same for the velocity, m/s.
+    pub velocity_sigma_mps: f64,
+}
+
+/// What a fix that passed the tests is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// Where it was expected.
+    Near,
+    /// Sound in itself, but further away than the uncertainty explains. Only while GNSS is not trusted: then it may be the
+    /// dead reckoning that is wrong, which time will tell.
+    Far,
+}
+
+/// How the positions moved, by the velocities.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Motion {
+    Consistent,
+    /// One fix jumped.
+    Stepped,
+    /// Over the window they ran away.
+    RanAway,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -127,6 +149,7 @@ pub struct GnssTrust {
     last_good: Option<ApTime>,
     good_since: Option<ApTime>,
     last_fault: GnssFault,
+    lost_by: GnssFault,
     track: Vec<Track>,
     oldest: usize,
     run_away_ne: Vector2<f64>,
@@ -149,6 +172,7 @@ impl GnssTrust {
             last_good: None,
             good_since: None,
             last_fault: GnssFault::Silence,
+            lost_by: GnssFault::Silence,
             track: Vec::with_capacity(TRACK_LEN),
             oldest: 0,
             run_away_ne: Vector2::zeros(),
@@ -196,36 +220,49 @@ impl GnssTrust {
         position_ne: Vector2<f64>,
         velocity_ne: Option<Vector2<f64>>,
         innovation: Option<FixInnovation>,
-    ) -> Result<(), GnssFault> {
+    ) -> Result<Standing, GnssFault> {
         let s = self.settings;
-        let consistent = velocity_ne.is_none_or(|v| self.follow(time, position_ne, v));
-        if let Some(i) = innovation {
-            let sigma = self.position_ms.sqrt().hypot(i.position_sigma_m);
-            if i.position_m > (s.gate_sigma * sigma).max(s.min_position_gate_m) {
-                return Err(GnssFault::PositionJump);
-            }
-            let gate = (s.gate_sigma * self.velocity_ms.sqrt()).max(s.min_velocity_gate_mps);
-            if i.velocity_mps.is_some_and(|v| v > gate) {
-                return Err(GnssFault::VelocityJump);
-            }
-            if !consistent {
-                return Err(GnssFault::Inconsistent);
-            }
-            self.position_ms += 0.02 * ((i.position_m * i.position_m).min(25.0) - self.position_ms);
-            if let Some(v) = i.velocity_mps {
-                self.velocity_ms += 0.02 * ((v * v).min(4.0) - self.velocity_ms);
-            }
-        } else if !consistent {
+        let motion = velocity_ne.map_or(Motion::Consistent, |v| self.follow(time, position_ne, v));
+        if motion == Motion::Stepped {
+            return Err(GnssFault::PositionJump);
+        }
+        let Some(i) = innovation else {
+            return if motion == Motion::RanAway { Err(GnssFault::Inconsistent) } else { Ok(Standing::Near) };
+        };
+        let position_sigma = self.position_ms.sqrt().hypot(i.position_sigma_m);
+        let velocity_sigma = self.velocity_ms.sqrt().hypot(i.velocity_sigma_mps);
+        let jumped = i.position_m > (s.gate_sigma * position_sigma).max(s.min_position_gate_m);
+        let surged =
+            i.velocity_mps.is_some_and(|v| v > (s.gate_sigma * velocity_sigma).max(s.min_velocity_gate_mps));
+        if self.trusted() && jumped {
+            return Err(GnssFault::PositionJump);
+        }
+        if motion == Motion::RanAway {
             return Err(GnssFault::Inconsistent);
         }
-        Ok(())
+        if !self.trusted() {
+            return Ok(if jumped || surged { Standing::Far } else { Standing::Near });
+        }
+        if surged {
+            return Err(GnssFault::VelocityJump);
+        }
+        self.position_ms += 0.02 * ((i.position_m * i.position_m).min(25.0) - self.position_ms);
+        if let Some(v) = i.velocity_mps {
+            self.velocity_ms += 0.02 * ((v * v).min(4.0) - self.velocity_ms);
+        }
+        Ok(Standing::Near)
     }
 
     /// Notes that a fix passed every test. True when GNSS became trusted by it.
-    pub fn good(&mut self, time: ApTime, far: bool) -> bool {
+    pub fn good(&mut self, time: ApTime, standing: Standing) -> bool {
         let since = *self.good_since.get_or_insert(time);
         self.last_good = Some(time);
-        let needed = if far { self.settings.recover_far_s } else { self.settings.recover_s };
+        let needed = match (standing, self.lost_by) {
+            (Standing::Far, _) => self.settings.recover_far_s,
+            // Who lied slowly has to be watched for as long as a slow lie takes to show.
+            (_, GnssFault::Inconsistent) => self.settings.recover_s.max(self.settings.consistency_window_s),
+            _ => self.settings.recover_s,
+        };
         if self.state == GnssState::Trusted || time.seconds_since(since) < needed {
             return false;
         }
@@ -251,6 +288,9 @@ impl GnssTrust {
         }
         self.good_since = None;
         let was = self.state == GnssState::Trusted;
+        if was {
+            self.lost_by = self.last_fault;
+        }
         self.state = GnssState::Untrusted(self.last_fault);
         self.last_fault = GnssFault::Silence;
         was
@@ -261,7 +301,7 @@ impl GnssTrust {
         self.run_away_ne
     }
 
-    /// Forgets the track: positions before and after are not comparable.
+    /// Forgets the track: what comes is not comparable with it (another receiver).
     pub fn forget_track(&mut self) {
         self.track.clear();
         self.oldest = 0;
@@ -274,8 +314,9 @@ impl GnssTrust {
     }
 
     /// Adds a fix to the track and says whether positions and velocities still agree.
-    fn follow(&mut self, time: ApTime, position_ne: Vector2<f64>, velocity_ne: Vector2<f64>) -> bool {
+    fn follow(&mut self, time: ApTime, position_ne: Vector2<f64>, velocity_ne: Vector2<f64>) -> Motion {
         let s = self.settings;
+        let mut stepped = false;
         let travelled_ne = match self.newest() {
             Some(last) => {
                 let dt = time.seconds_since(last.time);
@@ -283,7 +324,14 @@ impl GnssTrust {
                     self.forget_track();
                     Vector2::zeros()
                 } else {
-                    last.travelled_ne + (last.velocity_ne + velocity_ne) * (0.5 * dt)
+                    let moved = (last.velocity_ne + velocity_ne) * (0.5 * dt);
+                    let travelled = last.travelled_ne + moved;
+                    stepped = (position_ne - last.position_ne - moved).norm() > s.min_position_gate_m;
+                    if stepped {
+                        // Positions before and after a step are not comparable.
+                        self.forget_track();
+                    }
+                    travelled
                 }
             }
             None => Vector2::zeros(),
@@ -309,7 +357,13 @@ impl GnssTrust {
         self.run_away_ne = (position_ne - from.position_ne) - (travelled_ne - from.travelled_ne);
         // Receivers filter position and velocity differently: a tenth of a second of the change of velocity is no lie.
         let slack = 0.1 * (velocity_ne - from.velocity_ne).norm();
-        self.run_away_ne.norm() <= s.consistency_limit_m + s.consistency_rate_mps * window + slack
+        if stepped {
+            Motion::Stepped
+        } else if self.run_away_ne.norm() > s.consistency_limit_m + s.consistency_rate_mps * window + slack {
+            Motion::RanAway
+        } else {
+            Motion::Consistent
+        }
     }
 }
 
@@ -338,7 +392,7 @@ mod tests {
     }
 
     fn near() -> Option<FixInnovation> {
-        Some(FixInnovation { position_m: 0.3, velocity_mps: Some(0.1), position_sigma_m: 0.1 })
+        Some(FixInnovation { position_m: 0.3, velocity_mps: Some(0.1), position_sigma_m: 0.1, velocity_sigma_mps: 0.1 })
     }
 
     fn trusted_after(seconds: f64) -> GnssTrust {
@@ -346,8 +400,8 @@ mod tests {
         let mut time = 0.0;
         while time < seconds {
             let v = Vector2::new(3.0, 0.0);
-            assert_eq!(t.judge(at(time), v * time, Some(v), near()), Ok(()));
-            t.good(at(time), false);
+            assert_eq!(t.judge(at(time), v * time, Some(v), near()), Ok(Standing::Near));
+            t.good(at(time), Standing::Near);
             time += 0.2;
         }
         t
@@ -367,7 +421,7 @@ mod tests {
     #[test]
     fn a_jump_is_rejected_and_then_declared() {
         let mut t = trusted_after(10.0);
-        let far = Some(FixInnovation { position_m: 40.0, velocity_mps: Some(0.1), position_sigma_m: 0.2 });
+        let far = Some(FixInnovation { position_m: 40.0, velocity_mps: Some(0.1), position_sigma_m: 0.2, velocity_sigma_mps: 0.1 });
         let mut lost = false;
         for k in 0..10 {
             let time = 10.0 + 0.2 * f64::from(k);
