@@ -161,6 +161,11 @@ impl HeightFilter {
         verdict
     }
 
+    /// The next pressure altitude is another barometer's: its offset is found anew, the height stays.
+    pub fn another_barometer(&mut self) {
+        self.baro_started = false;
+    }
+
     /// Puts all of a pressure altitude's disagreement into the offset. The height stays.
     fn set_offset(&mut self, altitude_m: f64) {
         self.x[3] = altitude_m - self.x[0];

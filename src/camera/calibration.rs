@@ -79,7 +79,8 @@ impl FlowCalibration {
     /// A sensor of which only the settings are known.
     pub fn new(settings: CalibrationSettings) -> Self {
         let s = &settings;
-        let var = [s.bias_sigma_mps, s.bias_sigma_mps, s.scale_sigma, s.misalignment_sigma_rad].map(|v| v * v);
+        let var =
+            [s.bias_sigma_mps, s.bias_sigma_mps, s.scale_sigma, s.misalignment_sigma_rad].map(|v| v * v);
         Self {
             settings,
             x: Vector4::zeros(),

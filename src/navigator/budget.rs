@@ -106,8 +106,8 @@ impl ErrorBudget {
         self.walk += after * after - before * before;
         self.elapsed_s += dt;
         let t = self.coasted_s;
-        let v = s.velocity_sigma_mps
-            + GRAVITY * (s.tilt_sigma_rad * t + 0.5 * s.gyro_bias_sigma_radps * t * t);
+        let v =
+            s.velocity_sigma_mps + GRAVITY * (s.tilt_sigma_rad * t + 0.5 * s.gyro_bias_sigma_radps * t * t);
         self.velocity = Matrix2::identity() * v * v;
     }
 
@@ -133,6 +133,11 @@ impl ErrorBudget {
             p += drift * drift.transpose();
         }
         p
+    }
+
+    /// Time since the outage began, s.
+    pub fn elapsed_s(&self) -> f64 {
+        self.elapsed_s
     }
 
     /// Covariance of the horizontal velocity, NE, m²/s².

@@ -25,7 +25,12 @@ pub struct History {
 impl History {
     /// Remembers `capacity` IMU samples (512 are 2 s at 250 Hz).
     pub fn new(capacity: usize) -> Self {
-        let empty = Past { time: ApTime::from_micros(0), r_body_to_ned: Matrix3::identity(), turned_body: Vector3::zeros(), acceleration_ned: Vector3::zeros() };
+        let empty = Past {
+            time: ApTime::from_micros(0),
+            r_body_to_ned: Matrix3::identity(),
+            turned_body: Vector3::zeros(),
+            acceleration_ned: Vector3::zeros(),
+        };
         Self { ring: vec![empty; capacity.max(2)], next: 0, len: 0 }
     }
 

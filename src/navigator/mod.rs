@@ -1,7 +1,301 @@
-//! The navigator.
+//! The navigator: samples in, a solution out. Pure, synchronous, deterministic: the same samples give the same bytes.
+//!
+//! While GNSS is trusted, Grip's observer (IMU, GNSS, magnetometer) estimates attitude, gyro bias, position and velocity, the height
+//! filter the height, and every flow sensor is compared with GNSS. When GNSS is lost, Fusini's dead-reckoning observer goes on from the
+//! same state with flow velocity and height, biases frozen, and an error budget grows. [`modes`] says when.
+
+mod aiding;
 pub mod budget;
+pub mod event;
+mod flow;
+mod gnss;
 pub mod history;
+mod inertial;
 pub mod latency;
+pub mod modes;
+pub mod settings;
 pub mod solution;
 pub mod trust;
 pub mod verdict;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::altimeter::HeightFilter;
+use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
+use crate::observer::{
+    Discretisation, FusiniBiases, FusiniParams, Gate, GripParams, ObserverState, Predictor, Scheme,
+};
+use crate::sample::Sample;
+use crate::time::{ApTime, Span};
+
+use budget::ErrorBudget;
+use event::{Event, What};
+use flow::FlowSensor;
+use history::History;
+use latency::LatencyEstimator;
+use modes::ModeState;
+use settings::{Estimator, NavigatorSettings};
+use solution::{Carrier, Mode, Solution};
+use trust::{GnssState, GnssTrust};
+use verdict::{Reason, Tally, Verdict};
+
+/// How long after its last measurement an axis of the measurement signal counts as measured.
+const SIGNAL_HOLD: Span = Span::from_millis(700);
+/// Longest delay of a fix.
+const LONGEST_DELAY: Span = Span::from_millis(1500);
+/// IMU samples remembered: 1.5 s at 333 Hz.
+const HISTORY_SAMPLES: usize = 512;
+/// The year whose magnetic field is taken while no clock has told the date.
+const DEFAULT_YEAR: f64 = 2026.0;
+
+/// The local frame and what belongs to the place.
+#[derive(Clone, Debug)]
+struct Place {
+    frame: LocalNed,
+    gravity_ned: Vector3<f64>,
+    earth_rate_ned: Vector3<f64>,
+    field_ned: Option<Vector3<f64>>,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct Navigator {
+    settings: NavigatorSettings,
+    grip: GripParams,
+    fusini: FusiniParams,
+    place: Option<Place>,
+    decimal_year: f64,
+    /// `None` until the attitude has a first guess.
+    state: Option<ObserverState>,
+    biases: FusiniBiases,
+    predictor: Predictor,
+    history: History,
+    height: HeightFilter,
+    trust: GnssTrust,
+    latency: LatencyEstimator,
+    receiver: u8,
+    receiver_heard: Option<ApTime>,
+    gnss_sigma_m: f64,
+    gnss_height_rejected: u32,
+    flows: Vec<FlowSensor>,
+    /// Corrected flow velocity in body axes, for the velocity triad, and its time.
+    flow_body: Option<(ApTime, Vector3<f64>)>,
+    magnetic: Option<(ApTime, Vector3<f64>)>,
+    range: Option<(ApTime, f64)>,
+    pressure: Option<(ApTime, u8)>,
+    /// Height of the ground above the origin, where the rangefinder last saw it or the navigation began, m.
+    ground_m: Option<f64>,
+    modes: ModeState,
+    budget: Option<ErrorBudget>,
+    carrier: Carrier,
+    /// Published position less estimated position, NED: glides to zero.
+    offset_ned: Vector3<f64>,
+    reset_counter: u8,
+    last_imu: Option<ApTime>,
+    angular_rate_body: Vector3<f64>,
+    r_body_to_ned: Matrix3<f64>,
+    events: Vec<Event>,
+    tally: Tally,
+}
+
+impl Navigator {
+    /// A navigator that has heard nothing yet.
+    pub fn new(settings: NavigatorSettings) -> Self {
+        let printed = settings.estimator == Estimator::NloPrinted;
+        let (grip, fusini) = if printed {
+            (GripParams::printed(), FusiniParams::printed())
+        } else {
+            (tuned_grip(&settings), tuned_fusini(&settings))
+        };
+        let scheme = if printed { Scheme::Hold } else { Scheme::InterSample };
+        Self {
+            grip,
+            fusini,
+            place: None,
+            decimal_year: DEFAULT_YEAR,
+            state: None,
+            biases: FusiniBiases::default(),
+            predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD),
+            history: History::new(HISTORY_SAMPLES),
+            height: HeightFilter::new(settings.height),
+            trust: GnssTrust::new(settings.gnss.trust),
+            latency: LatencyEstimator::new(settings.gnss.delay_s, settings.gnss.delay_sigma_s),
+            receiver: 0,
+            receiver_heard: None,
+            gnss_sigma_m: settings.gnss.default_accuracy_m,
+            gnss_height_rejected: 0,
+            flows: Vec::new(),
+            flow_body: None,
+            magnetic: None,
+            range: None,
+            pressure: None,
+            ground_m: None,
+            modes: ModeState::new(),
+            budget: None,
+            carrier: Carrier::Gnss,
+            offset_ned: Vector3::zeros(),
+            reset_counter: 0,
+            last_imu: None,
+            angular_rate_body: Vector3::zeros(),
+            r_body_to_ned: Matrix3::identity(),
+            events: Vec::with_capacity(64),
+            tally: Tally::default(),
+            settings,
+        }
+    }
+
+    /// Takes one sample, in the order in which samples arrive; late ones are compared with the past they belong to.
+    pub fn ingest(&mut self, sample: &Sample) -> Verdict {
+        let verdict = match sample {
+            Sample::Imu(s) => self.imu(s),
+            Sample::Mag(s) => self.mag(s),
+            Sample::Gnss(s) => self.gnss(s),
+            Sample::Pressure(s) => self.pressure(s),
+            Sample::Flow(s) => self.flow(s),
+            Sample::Range(s) => self.range(s),
+            // Airspeed and landmarks are shown by `inspect` and await their filters.
+            Sample::Airspeed(_) | Sample::Landmark(_) => Verdict::Rejected(Reason::NotUsed),
+        };
+        self.tally.count(sample.kind(), verdict);
+        verdict
+    }
+
+    /// The autopilot told its origin: the frame's origin moves there. Height is above mean sea level, as everywhere.
+    pub fn set_origin(&mut self, time: ApTime, origin: Geodetic) {
+        let moved = match &self.place {
+            None => Vector3::zeros(),
+            Some(place) if place.frame.origin() == origin => return,
+            Some(place) => place.frame.to_ned(&origin),
+        };
+        self.place = Some(self.place_at(origin));
+        self.height.shift_origin(-moved.z);
+        self.ground_m = self.ground_m.map(|g| g + moved.z);
+        if let Some(state) = &mut self.state {
+            state.position_ned -= moved;
+            self.predictor.clear();
+            self.trust.forget_track();
+        }
+        if moved.norm() > 0.01 {
+            self.reset_counter = self.reset_counter.wrapping_add(1);
+        }
+        self.tell(time, What::Origin(moved.norm()));
+    }
+
+    /// Sets the date, as decimal year, for the magnetic field.
+    pub fn set_date(&mut self, decimal_year: f64) {
+        if (decimal_year - self.decimal_year).abs() > 0.02 && decimal_year.is_finite() {
+            self.decimal_year = decimal_year;
+            if let Some(place) = &self.place {
+                self.place = Some(self.place_at(place.frame.origin()));
+            }
+        }
+    }
+
+    fn place_at(&self, origin: Geodetic) -> Place {
+        Place {
+            frame: LocalNed::new(origin),
+            gravity_ned: gravity_ned(origin.latitude_rad, origin.height_m),
+            earth_rate_ned: earth_rate_ned(origin.latitude_rad),
+            field_ned: magnetic_field(&origin, self.decimal_year).ok().map(|f| f.field_ned_t),
+        }
+    }
+
+    /// The newest solution; `None` until the attitude has a first guess.
+    pub fn solution(&self) -> Option<Solution> {
+        let state = self.state.as_ref()?;
+        let time = self.last_imu?;
+        let mut position_ned = state.position_ned + self.offset_ned;
+        let mut velocity_ned = state.velocity_ned;
+        if let Some(height) = self.height.height_m() {
+            position_ned.z = -height;
+            velocity_ned.z = -self.height.climb_mps();
+        }
+        let (position_covariance, velocity_covariance) = self.covariances(state);
+        Some(Solution {
+            time,
+            mode: self.modes.mode(),
+            carrier: self.carrier,
+            position_ned,
+            velocity_ned,
+            r_body_to_ned: self.r_body_to_ned,
+            angular_rate_body: self.angular_rate_body,
+            position_covariance,
+            velocity_covariance,
+            attitude_variance: self.attitude_variance(),
+            reset_counter: self.reset_counter,
+        })
+    }
+
+    /// The mode.
+    pub fn mode(&self) -> Mode {
+        self.modes.mode()
+    }
+
+    /// What GNSS is worth.
+    pub fn gnss_state(&self) -> GnssState {
+        self.trust.state()
+    }
+
+    /// The local frame's origin, once there is one.
+    pub fn frame(&self) -> Option<&LocalNed> {
+        self.place.as_ref().map(|p| &p.frame)
+    }
+
+    /// The GNSS latency in force, s, and its standard deviation, s.
+    pub fn gnss_latency_s(&self) -> (f64, f64) {
+        (self.latency.latency_s(), self.latency.sigma_s())
+    }
+
+    /// Verdicts so far.
+    pub fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// Estimated gyro bias, body, rad/s.
+    pub fn gyro_bias(&self) -> Option<Vector3<f64>> {
+        self.state.as_ref().map(|s| s.gyro_bias)
+    }
+
+    /// What happened since the last call, oldest first.
+    pub fn drain_events(&mut self) -> impl Iterator<Item = Event> + '_ {
+        self.events.drain(..)
+    }
+
+    /// Whether events wait.
+    pub fn has_events(&self) -> bool {
+        !self.events.is_empty()
+    }
+
+    fn tell(&mut self, time: ApTime, what: What) {
+        self.events.push(Event { time, what });
+    }
+
+    fn has_magnetometer(&self, now: ApTime) -> bool {
+        self.magnetic.is_some_and(|(t, _)| now.seconds_since(t) < MAGNETIC_AGE_S)
+    }
+}
+
+/// A magnetometer sample is used for this long, s.
+const MAGNETIC_AGE_S: f64 = 0.5;
+
+fn tuned_grip(settings: &NavigatorSettings) -> GripParams {
+    GripParams {
+        k_p: Vector3::repeat(settings.observer.k_p),
+        k_i: settings.observer.k_i,
+        discretisation: Discretisation::Exponential,
+        gate: Some(Gate::standard()),
+        ..GripParams::km()
+    }
+}
+
+fn tuned_fusini(settings: &NavigatorSettings) -> FusiniParams {
+    let mut params = FusiniParams::tuned();
+    params.k_p = Vector3::repeat(settings.observer.k_p);
+    params.k_i = settings.observer.k_i;
+    params.guard = settings.observer.guard;
+    params.dead_reckoning.vv = settings.observer.holdover_k_vv;
+    params.dead_reckoning.xv = settings.observer.holdover_k_xv;
+    // The calibration takes the flow's bias out before the observer sees it.
+    params.predict_flow_z = false;
+    params
+}

@@ -148,7 +148,7 @@ pub struct GnssTrust {
     state: GnssState,
     last_good: Option<ApTime>,
     good_since: Option<ApTime>,
-    last_fault: GnssFault,
+    last_bad: Option<(ApTime, GnssFault)>,
     lost_by: GnssFault,
     track: Vec<Track>,
     oldest: usize,
@@ -171,7 +171,7 @@ impl GnssTrust {
             state: GnssState::Untrusted(GnssFault::Silence),
             last_good: None,
             good_since: None,
-            last_fault: GnssFault::Silence,
+            last_bad: None,
             lost_by: GnssFault::Silence,
             track: Vec::with_capacity(TRACK_LEN),
             oldest: 0,
@@ -272,11 +272,8 @@ impl GnssTrust {
 
     /// Notes a fix that failed a test, and its time. True when GNSS is lost by it.
     pub fn bad(&mut self, now: ApTime, fault: GnssFault) -> bool {
-        self.last_fault = fault;
+        self.last_bad = Some((now, fault));
         self.good_since = None;
-        if let GnssState::Untrusted(_) = self.state {
-            self.state = GnssState::Untrusted(fault);
-        }
         self.check(now)
     }
 
@@ -287,12 +284,15 @@ impl GnssTrust {
             return false;
         }
         self.good_since = None;
-        let was = self.state == GnssState::Trusted;
+        let fault = match self.last_bad {
+            Some((t, fault)) if now.seconds_since(t) < self.settings.loss_s => fault,
+            _ => GnssFault::Silence,
+        };
+        let was = self.trusted();
         if was {
-            self.lost_by = self.last_fault;
+            self.lost_by = fault;
         }
-        self.state = GnssState::Untrusted(self.last_fault);
-        self.last_fault = GnssFault::Silence;
+        self.state = GnssState::Untrusted(fault);
         was
     }
 
@@ -392,7 +392,12 @@ mod tests {
     }
 
     fn near() -> Option<FixInnovation> {
-        Some(FixInnovation { position_m: 0.3, velocity_mps: Some(0.1), position_sigma_m: 0.1, velocity_sigma_mps: 0.1 })
+        Some(FixInnovation {
+            position_m: 0.3,
+            velocity_mps: Some(0.1),
+            position_sigma_m: 0.1,
+            velocity_sigma_mps: 0.1,
+        })
     }
 
     fn trusted_after(seconds: f64) -> GnssTrust {
@@ -421,16 +426,33 @@ mod tests {
     #[test]
     fn a_jump_is_rejected_and_then_declared() {
         let mut t = trusted_after(10.0);
-        let far = Some(FixInnovation { position_m: 40.0, velocity_mps: Some(0.1), position_sigma_m: 0.2, velocity_sigma_mps: 0.1 });
-        let mut lost = false;
-        for k in 0..10 {
+        let far = Some(FixInnovation {
+            position_m: 40.0,
+            velocity_mps: Some(0.1),
+            position_sigma_m: 0.2,
+            velocity_sigma_mps: 0.1,
+        });
+        let v = Vector2::new(3.0, 0.0);
+        let mut lost_at = None;
+        for k in 0..60 {
             let time = 10.0 + 0.2 * f64::from(k);
-            let verdict = t.judge(at(time), Vector2::new(70.0, 0.0), Some(Vector2::new(3.0, 0.0)), far);
-            assert_eq!(verdict, Err(GnssFault::PositionJump));
-            lost |= t.bad(at(time), GnssFault::PositionJump);
+            let verdict = t.judge(at(time), v * time + Vector2::new(40.0, 0.0), Some(v), far);
+            if t.trusted() {
+                assert_eq!(verdict, Err(GnssFault::PositionJump));
+                if t.bad(at(time), GnssFault::PositionJump) {
+                    lost_at = Some(time);
+                }
+            } else {
+                // From then on it may be the dead reckoning that is wrong, but that takes long to believe.
+                assert_eq!(verdict, Ok(Standing::Far));
+                assert_eq!(t.good(at(time), Standing::Far), time > lost_at.unwrap() + 10.1);
+            }
+            if t.trusted() && lost_at.is_some() {
+                assert!(time > 20.0);
+                return;
+            }
         }
-        assert!(lost);
-        assert_eq!(t.state(), GnssState::Untrusted(GnssFault::PositionJump));
+        panic!("never believed again");
     }
 
     #[test]

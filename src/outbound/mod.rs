@@ -95,7 +95,14 @@ pub struct Outbound {
 impl Outbound {
     /// An output that has sent nothing.
     pub fn new(settings: OutboundSettings) -> Self {
-        Self { settings, alignment: Alignment::new(), due: None, last_published: None, lost_since: None, sent: 0 }
+        Self {
+            settings,
+            alignment: Alignment::new(),
+            due: None,
+            last_published: None,
+            lost_since: None,
+            sent: 0,
+        }
     }
 
     /// Settings in force.

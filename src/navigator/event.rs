@@ -1,0 +1,105 @@
+//! What the navigator tells besides the solution: every change that somebody who runs it has to know of.
+
+use std::fmt;
+
+use crate::camera::calibration::Distrust;
+use crate::time::ApTime;
+
+use super::solution::Mode;
+use super::trust::GnssFault;
+
+/// Something happened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Event {
+    /// When.
+    pub time: ApTime,
+    /// What.
+    pub what: What,
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum What {
+    /// The mode changed.
+    Mode {
+        /// From.
+        from: Mode,
+        /// To.
+        to: Mode,
+        /// Why.
+        why: Why,
+    },
+    /// The frame's origin was set or moved; the distance it moved, m.
+    Origin(f64),
+    /// The published position had to jump by this much, m; the reset counter changed.
+    Reset(f64),
+    /// A slow lie of GNSS is taken back by this much, m.
+    WalkedBack(f64),
+    /// Another receiver is used now.
+    Receiver(u8),
+    /// A flow sensor is trusted from now on.
+    FlowTrusted(u8),
+    /// A flow sensor is not trusted any more.
+    FlowDistrusted(u8, Distrust),
+    /// The barometer stepped by this much, m; the height did not.
+    BaroStep(f64),
+    /// GNSS heights are rejected (true), or used again (false).
+    GnssHeightRejected(bool),
+}
+
+/// Why a mode was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Why {
+    /// Attitude, heading and place are known.
+    Aligned,
+    /// GNSS is lost.
+    GnssLost(GnssFault),
+    /// GNSS is trusted again.
+    GnssBack,
+    /// The position has glided back to GNSS.
+    Joined,
+    /// The uncertainty passed what is allowed; its standard deviation, m.
+    Uncertain(f64),
+    /// Coasted without any velocity for too long, s.
+    Coasted(f64),
+    /// The IMU was silent, s.
+    ImuGap(f64),
+    /// The autopilot rebooted.
+    Reboot,
+    /// The observer's state was no longer finite.
+    Broken,
+}
+
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Why::Aligned => write!(f, "aligned"),
+            Why::GnssLost(fault) => write!(f, "GNSS {}", fault.reason()),
+            Why::GnssBack => write!(f, "GNSS is back"),
+            Why::Joined => write!(f, "joined GNSS"),
+            Why::Uncertain(sigma) => write!(f, "uncertainty {sigma:.0} m"),
+            Why::Coasted(s) => write!(f, "{s:.0} s without velocity"),
+            Why::ImuGap(s) => write!(f, "IMU silent for {s:.1} s"),
+            Why::Reboot => write!(f, "autopilot rebooted"),
+            Why::Broken => write!(f, "estimate not finite"),
+        }
+    }
+}
+
+impl fmt::Display for What {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            What::Mode { from, to, why } => write!(f, "{} -> {}: {why}", from.label(), to.label()),
+            What::Origin(m) if *m == 0.0 => write!(f, "origin set"),
+            What::Origin(m) => write!(f, "origin moved by {m:.2} m"),
+            What::Reset(m) => write!(f, "position reset by {m:.1} m"),
+            What::WalkedBack(m) => write!(f, "took back {m:.1} m of GNSS drift"),
+            What::Receiver(n) => write!(f, "using GNSS receiver {n}"),
+            What::FlowTrusted(n) => write!(f, "flow {n} trusted"),
+            What::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
+            What::BaroStep(m) => write!(f, "barometer stepped by {m:.1} m"),
+            What::GnssHeightRejected(true) => write!(f, "GNSS height rejected"),
+            What::GnssHeightRejected(false) => write!(f, "GNSS height used again"),
+        }
+    }
+}

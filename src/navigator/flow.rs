@@ -1,0 +1,261 @@
+//! Optical flow: compared with GNSS while there is GNSS, the carrier of the velocity when there is none.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use crate::camera::calibration::{Distrust, FlowCalibration};
+use crate::observer::FixSample;
+use crate::sample::{FlowRotation, FlowSample};
+use crate::time::{ApTime, Span};
+
+use super::Navigator;
+use super::event::What;
+use super::settings::Estimator;
+use super::solution::Mode;
+use super::verdict::{Reason, Verdict};
+
+/// Sensors (or patches) that are told apart.
+const MAX_SENSORS: usize = 8;
+/// Flow innovations beyond this many sigmas are outliers …
+const GATE_SIGMA: f64 = 5.0;
+/// … unless they go on for this long, s: then it is the velocity that is wrong.
+const RELOCK_S: f64 = 1.0;
+/// The interval taken for the first sample, s.
+const FIRST_INTERVAL_S: f64 = 0.05;
+
+/// One flow sensor.
+#[derive(Clone, Debug)]
+pub(super) struct FlowSensor {
+    id: u8,
+    calibration: FlowCalibration,
+    trust: Result<(), Distrust>,
+    last: Option<ApTime>,
+    outliers_s: f64,
+}
+
+/// A flow velocity before calibration.
+struct Measured {
+    time: ApTime,
+    r_body_to_ned: Matrix3<f64>,
+    /// Body x and y, m/s.
+    v_xy: Vector2<f64>,
+    noise: Matrix2<f64>,
+    interval_s: f64,
+    /// The distance came from a rangefinder.
+    ranged: bool,
+}
+
+impl Navigator {
+    pub(super) fn flow(&mut self, s: &FlowSample) -> Verdict {
+        if !self.settings.flow.enabled {
+            return Verdict::Rejected(Reason::SwitchedOff);
+        }
+        let index = match self.flows.iter().position(|f| f.id == s.sensor) {
+            Some(i) => i,
+            None if self.flows.len() < MAX_SENSORS => {
+                self.flows.push(FlowSensor {
+                    id: s.sensor,
+                    calibration: FlowCalibration::new(self.settings.flow.calibration),
+                    trust: Err(Distrust::NotCompared),
+                    last: None,
+                    outliers_s: 0.0,
+                });
+                self.flows.len() - 1
+            }
+            None => return Verdict::Rejected(Reason::Redundant),
+        };
+        let measured = match self.measure(s, self.flows[index].last) {
+            Ok(m) => m,
+            Err(reason) => return Verdict::Rejected(reason),
+        };
+        self.flows[index].last = Some(s.time);
+        match self.modes.mode() {
+            Mode::Aligning => self.hold_direction(&measured, index),
+            Mode::Aided | Mode::Rejoining => self.compare(&measured, index),
+            Mode::Holdover | Mode::Lost => self.carry(&measured, index),
+        }
+    }
+
+    /// The flow as velocity: v_x = d·(ω_flow,y − ω_y), v_y = −d·(ω_flow,x − ω_x) at the camera (spec of OPTICAL_FLOW_RAD), turned to
+    /// body axes and moved to the IMU. The vertical component, which one patch does not see, is the height filter's climb rate.
+    fn measure(&self, s: &FlowSample, last: Option<ApTime>) -> Result<Measured, Reason> {
+        let settings = &self.settings.flow;
+        let [rate_x, rate_y] = s.rate_xy;
+        if !(rate_x.is_finite() && rate_y.is_finite() && s.quality.is_finite()) {
+            return Err(Reason::NotFinite);
+        }
+        if last.is_some_and(|t| s.time <= t) {
+            return Err(Reason::OutOfOrder);
+        }
+        if s.quality < settings.min_quality {
+            return Err(Reason::LowQuality);
+        }
+        let end = s.time - Span::from_seconds(settings.delay_s);
+        let begin = end - s.interval;
+        let middle = end - Span::from_micros(s.interval.micros() / 2);
+        let newest = self.last_imu.ok_or(Reason::NoReferenceYet)?;
+        // A sample a little ahead of the IMU stream is as good as its newest attitude.
+        let r = self.history.attitude(middle.min(newest)).ok_or(Reason::NoReferenceYet)?;
+        let rate_body =
+            self.history.mean_rate(begin.min(newest), end.min(newest)).unwrap_or(self.angular_rate_body);
+        let axis_body = settings.r_body_to_camera.row(2).transpose();
+        let cosine = (r * axis_body).z;
+        if cosine < settings.max_tilt_rad.cos() {
+            return Err(Reason::Tilt);
+        }
+        let (distance, ranged) = self.distance(s, cosine)?;
+        let rate_camera = settings.r_body_to_camera * rate_body;
+        let [turn_x, turn_y] = match s.rotation {
+            FlowRotation::SensorGyro(gyro) => gyro,
+            FlowRotation::Contained => [rate_camera.x, rate_camera.y],
+            FlowRotation::Removed => [0.0, 0.0],
+        };
+        let v_camera = Vector2::new(distance * (rate_y - turn_y), -distance * (rate_x - turn_x));
+        let swing = settings.r_body_to_camera * rate_body.cross(&settings.lever_arm_body_m);
+        let v_down = -self.height.climb_mps();
+        // Two rows from the camera, one from the climb rate.
+        let c = &settings.r_body_to_camera;
+        let rows = Matrix3::from_rows(&[c.row(0).into_owned(), c.row(1).into_owned(), r.row(2).into_owned()]);
+        let right = Vector3::new(v_camera.x - swing.x, v_camera.y - swing.y, v_down);
+        let v_body = rows.try_inverse().ok_or(Reason::Tilt)? * right;
+        if !v_body.iter().all(|v| v.is_finite()) {
+            return Err(Reason::NotFinite);
+        }
+        let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
+        let sigma = distance * settings.rate_noise_radps;
+        Ok(Measured {
+            time: middle.min(newest),
+            r_body_to_ned: r,
+            v_xy: v_body.xy(),
+            noise: Matrix2::identity() * (sigma * sigma),
+            interval_s,
+            ranged,
+        })
+    }
+
+    /// Distance along the optical axis, and whether a rangefinder told it.
+    fn distance(&self, s: &FlowSample, cosine: f64) -> Result<(f64, bool), Reason> {
+        let least = self.settings.flow.min_height_m;
+        let ranged =
+            self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
+        let (distance, is_ranged) = match (s.distance_m, ranged, self.height.height_m(), self.ground_m) {
+            (Some(d), ..) => (d, true),
+            // The beam points along body z.
+            (None, Some((_, d)), ..) => (d * self.r_body_to_ned[(2, 2)].max(0.1) / cosine, true),
+            (None, None, Some(height), Some(ground)) => ((height - ground) / cosine, false),
+            _ => return Err(Reason::NoDistance),
+        };
+        if distance.is_finite() && distance >= least {
+            Ok((distance, is_ranged))
+        } else {
+            Err(Reason::NoDistance)
+        }
+    }
+
+    /// While aligning without a magnetometer the flow is the only horizontal direction in body axes.
+    fn hold_direction(&mut self, m: &Measured, index: usize) -> Verdict {
+        let corrected = self.flows[index].calibration.correct(&m.v_xy);
+        self.flow_body = Some((m.time, self.in_body(m, &corrected)));
+        Verdict::Used
+    }
+
+    /// GNSS is there: the sensor is compared with it.
+    fn compare(&mut self, m: &Measured, index: usize) -> Verdict {
+        let corrected = self.flows[index].calibration.correct(&m.v_xy);
+        self.flow_body = Some((m.time, self.in_body(m, &corrected)));
+        let Some((_, v_ned)) = self.predicted(m.time) else {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        };
+        let v_gnss =
+            (m.r_body_to_ned.transpose() * Vector3::new(v_ned.x, v_ned.y, -self.height.climb_mps())).xy();
+        let sensor = &mut self.flows[index];
+        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, m.interval_s);
+        let trust = sensor.calibration.trust();
+        if trust != sensor.trust {
+            sensor.trust = trust;
+            let id = sensor.id;
+            self.tell(
+                m.time,
+                trust.map_or_else(|why| What::FlowDistrusted(id, why), |()| What::FlowTrusted(id)),
+            );
+        }
+        Verdict::Used
+    }
+
+    /// GNSS is gone: the flow carries the velocity.
+    fn carry(&mut self, m: &Measured, index: usize) -> Verdict {
+        if self.settings.estimator == Estimator::Inertial {
+            return Verdict::Rejected(Reason::SwitchedOff);
+        }
+        let sensor = &self.flows[index];
+        if sensor.trust.is_err() {
+            return Verdict::Rejected(Reason::Distrusted);
+        }
+        let corrected = sensor.calibration.correct(&m.v_xy);
+        let v_body = self.in_body(m, &corrected);
+        let v_ned = m.r_body_to_ned * v_body;
+        let fix = FixSample {
+            stamp: m.time,
+            position_ned: [None; 3],
+            velocity_ned: [Some(v_ned.x), Some(v_ned.y), None],
+        };
+        let Some(innovation) = self.predictor.innovation(&fix) else {
+            return self.restart_predictor(&v_ned);
+        };
+        let e = Vector2::new(
+            innovation.velocity_ned[0].unwrap_or_default(),
+            innovation.velocity_ned[1].unwrap_or_default(),
+        );
+        let factor = sensor.calibration.noise_factor();
+        let sigma2 = (m.noise * factor).trace() + 1.0;
+        if e.norm_squared() > GATE_SIGMA * GATE_SIGMA * sigma2 && sensor.outliers_s < RELOCK_S {
+            self.flows[index].outliers_s += m.interval_s;
+            return Verdict::Rejected(Reason::Innovation);
+        }
+        self.flows[index].outliers_s = 0.0;
+        let velocity = self.state.map_or(v_ned, |s| s.velocity_ned);
+        self.predictor.apply(&innovation, &velocity);
+        self.flow_body = Some((m.time, v_body));
+        let jacobian = FlowCalibration::jacobian(&corrected);
+        let density = 0.5 * (m.noise * factor).trace() * m.interval_s;
+        self.carried_by_flow(m.interval_s, &m.r_body_to_ned, &jacobian, &v_ned.xy(), density, m.ranged);
+        Verdict::Used
+    }
+
+    fn restart_predictor(&mut self, v_ned: &Vector3<f64>) -> Verdict {
+        let (Some(now), Some(state)) = (self.last_imu, self.state) else {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        };
+        self.predictor.reset(now, &state.position_ned, v_ned);
+        Verdict::Used
+    }
+
+    /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate.
+    fn in_body(&self, m: &Measured, v_xy: &Vector2<f64>) -> Vector3<f64> {
+        let down = m.r_body_to_ned.row(2);
+        let v_down = -self.height.climb_mps();
+        let z = (v_down - down[0] * v_xy.x - down[1] * v_xy.y) / down[2].max(0.1);
+        Vector3::new(v_xy.x, v_xy.y, z)
+    }
+
+    /// The measurement signal at a past time: position and velocity.
+    fn predicted(&self, time: ApTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        // An innovation of a zero sample is the negative of the prediction.
+        let zero = FixSample { stamp: time, position_ned: [Some(0.0); 3], velocity_ned: [Some(0.0); 3] };
+        let i = self.predictor.innovation(&zero)?;
+        let v = |o: &[Option<f64>; 3]| Vector3::from_fn(|row, _| -o[row].unwrap_or_default());
+        Some((v(&i.position_ned), v(&i.velocity_ned)))
+    }
+
+    /// The calibration of the sensor that will carry: the first trusted one.
+    pub(super) fn carrying_calibration(&self) -> FlowCalibration {
+        self.flows
+            .iter()
+            .find(|f| f.trust.is_ok())
+            .map_or_else(|| FlowCalibration::new(self.settings.flow.calibration), |f| f.calibration.clone())
+    }
+
+    /// The flow sensors with their calibration [b_x, b_y, s, μ] and whether they are trusted.
+    pub fn flow_sensors(&self) -> impl Iterator<Item = (u8, &FlowCalibration, Result<(), Distrust>)> {
+        self.flows.iter().map(|f| (f.id, &f.calibration, f.trust))
+    }
+}

@@ -1,0 +1,163 @@
+//! GNSS fixes: judged, compared with the past they belong to, and applied or not.
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::altimeter::HeightVerdict;
+use crate::observer::{FixSample, Innovation};
+use crate::sample::{GnssFix, GnssSample};
+use crate::time::{ApTime, Span};
+
+use super::Navigator;
+use super::event::What;
+use super::solution::Mode;
+use super::trust::{FixInnovation, GnssFault};
+use super::verdict::{Reason, Verdict};
+
+/// Another receiver takes over when the one in use had no fix for this long, s.
+const RECEIVER_SILENCE_S: f64 = 1.0;
+/// GNSS heights in a row that are rejected before it is told.
+const HEIGHT_REJECTIONS_TOLD: u32 = 10;
+/// Vertical over horizontal accuracy of a receiver that claims none.
+const VERTICAL_RATIO: f64 = 1.5;
+
+impl Navigator {
+    pub(super) fn gnss(&mut self, s: &GnssSample) -> Verdict {
+        let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        if s.receiver != self.receiver {
+            let silent = self.receiver_heard.is_none_or(|t| s.time.seconds_since(t) > RECEIVER_SILENCE_S);
+            if !silent || s.fix < GnssFix::ThreeD {
+                return Verdict::Rejected(Reason::Redundant);
+            }
+            self.receiver = s.receiver;
+            self.trust.forget_track();
+            self.latency.interrupt();
+            self.tell(s.time, What::Receiver(s.receiver));
+        }
+        match self.fix(now, s) {
+            Ok(()) => Verdict::Used,
+            Err(fault) => {
+                self.trust.bad(now, fault);
+                self.latency.interrupt();
+                Verdict::Rejected(Reason::Gnss(fault))
+            }
+        }
+    }
+
+    /// GNSS is withheld from the navigator (an outage that the operator made): as if the receiver were silent.
+    pub fn mask_gnss(&mut self, time: ApTime) {
+        self.trust.bad(time, GnssFault::Masked);
+    }
+
+    fn fix(&mut self, now: ApTime, s: &GnssSample) -> Result<(), GnssFault> {
+        self.trust.admit(s)?;
+        let Some(position) = s.position else { return Err(GnssFault::NoFix) };
+        self.receiver_heard = Some(s.time);
+        let place = match &self.place {
+            Some(place) => place,
+            None => {
+                self.place = Some(self.place_at(position));
+                self.tell(now, What::Origin(0.0));
+                return Ok(());
+            }
+        };
+        let measured = s.time - Span::from_seconds(self.latency.latency_s());
+        let p = place.frame.to_ned(&position);
+        let v = s.ground_velocity.map(|g| g.north_east());
+        let Some(state) = self.state else { return Ok(()) };
+        if !self.predictor.is_running() {
+            let (north, east) = v.unwrap_or_default();
+            self.predictor.reset(now, &p, &Vector3::new(north, east, 0.0));
+            if self.modes.mode() == Mode::Aligning
+                && let Some(state) = &mut self.state
+            {
+                state.position_ned = p;
+                state.velocity_ned = Vector3::new(north, east, 0.0);
+            }
+        }
+        let mut sample = FixSample::position(measured, &p).without_vertical_position();
+        if let Some((north, east)) = v {
+            sample = sample.with_horizontal_velocity(north, east);
+        }
+        let Some(innovation) = self.predictor.innovation(&sample) else { return Err(GnssFault::Untimely) };
+        // In dead reckoning the estimate, not the measurement signal, is what the fix has to be compared with.
+        let lag = match (self.modes.dead_reckoning(), self.predictor.latest()) {
+            (true, Some(w)) => (w.position_ned - state.position_ned).xy(),
+            _ => Vector2::zeros(),
+        };
+        let e_p = horizontal(&innovation.position_ned).map_or(Vector2::zeros(), |e| e + lag);
+        let e_v = horizontal(&innovation.velocity_ned);
+        let judged = (self.modes.mode() != Mode::Aligning).then(|| {
+            let sigma = self.solution().map_or((0.0, 0.0), |s| {
+                let v = &s.velocity_covariance;
+                (s.horizontal_sigma_m(), (0.5 * (v[(0, 0)] + v[(1, 1)])).max(0.0).sqrt())
+            });
+            let reckoning = self.modes.dead_reckoning();
+            FixInnovation {
+                position_m: e_p.norm(),
+                velocity_mps: e_v.map(|e| e.norm()),
+                position_sigma_m: if reckoning { sigma.0 } else { 0.0 },
+                velocity_sigma_mps: if reckoning { sigma.1 } else { 0.0 },
+            }
+        });
+        let velocity_ne = v.map(|(north, east)| Vector2::new(north, east));
+        let standing = self.trust.judge(measured, p.xy(), velocity_ne, judged)?;
+        let regained = self.trust.good(now, standing);
+        let claimed = s.horizontal_accuracy_m.unwrap_or(self.settings.gnss.default_accuracy_m);
+        self.gnss_sigma_m += 0.1 * (claimed - self.gnss_sigma_m);
+
+        match self.modes.mode() {
+            Mode::Holdover | Mode::Lost if regained => self.rejoin(now, &innovation, lag),
+            Mode::Holdover | Mode::Lost => return Ok(()),
+            Mode::Aligning | Mode::Aided | Mode::Rejoining => {
+                self.predictor.apply(&innovation, &state.velocity_ned);
+            }
+        }
+        if let (Some(e_v), Some(a)) = (e_v, self.history.acceleration(measured))
+            && self.modes.mode() == Mode::Aided
+        {
+            self.latency.observe(&e_v, &a.xy());
+        } else {
+            self.latency.interrupt();
+        }
+        let sigma = s.vertical_accuracy_m.unwrap_or(claimed * VERTICAL_RATIO);
+        let verdict = self.height.gnss(-p.z, sigma, now.seconds_since(measured));
+        self.note_height(now, verdict);
+        Ok(())
+    }
+
+    fn note_height(&mut self, now: ApTime, verdict: HeightVerdict) {
+        match verdict {
+            HeightVerdict::Rejected(_) => {
+                self.gnss_height_rejected += 1;
+                if self.gnss_height_rejected == HEIGHT_REJECTIONS_TOLD {
+                    self.tell(now, What::GnssHeightRejected(true));
+                }
+            }
+            _ => {
+                if self.gnss_height_rejected >= HEIGHT_REJECTIONS_TOLD {
+                    self.tell(now, What::GnssHeightRejected(false));
+                }
+                self.gnss_height_rejected = 0;
+            }
+        }
+    }
+
+    /// GNSS is trusted again: the estimate moves to it at once, the published position stays and glides after it.
+    fn rejoin(&mut self, now: ApTime, innovation: &Innovation, lag: Vector2<f64>) {
+        let Some(state) = &mut self.state else { return };
+        let delay = now.seconds_since(innovation.stamp);
+        let e_v = horizontal(&innovation.velocity_ned).unwrap_or_default();
+        let e_p = horizontal(&innovation.position_ned).unwrap_or_default() + lag;
+        let shift = e_p + e_v * delay;
+        self.predictor.apply(innovation, &state.velocity_ned);
+        state.position_ned += Vector3::new(shift.x, shift.y, 0.0);
+        state.velocity_ned += Vector3::new(e_v.x, e_v.y, 0.0);
+        self.offset_ned -= Vector3::new(shift.x, shift.y, 0.0);
+        self.came_back(now);
+    }
+}
+
+/// North and east, if both are there.
+fn horizontal(v: &[Option<f64>; 3]) -> Option<Vector2<f64>> {
+    Some(Vector2::new(v[0]?, v[1]?))
+}

@@ -1,0 +1,225 @@
+//! The IMU sample: what moves everything.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::geo::so3;
+use crate::observer::triad::normalised_triad;
+use crate::observer::{
+    Aiding, AttitudeReference, FusiniInput, GripInput, MagneticPair, ObserverState, Signal, StepReport,
+    fusini, grip,
+};
+use crate::sample::ImuSample;
+use crate::time::ApTime;
+
+use super::event::Why;
+use super::settings::Estimator;
+use super::solution::{Carrier, Mode};
+use super::verdict::{Reason, Verdict};
+use super::{Navigator, Place};
+
+/// A vehicle that hears no magnetometer for this long starts without, s.
+const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
+
+impl Navigator {
+    pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
+        if !finite(&s.angular_rate_body) || !finite(&s.specific_force_body) {
+            return Verdict::Rejected(Reason::NotFinite);
+        }
+        let Some(last) = self.last_imu else {
+            self.last_imu = Some(s.time);
+            self.modes.started(s.time);
+            return Verdict::Used;
+        };
+        let dt = s.time.seconds_since(last);
+        if dt <= 0.0 {
+            return Verdict::Rejected(Reason::OutOfOrder);
+        }
+        self.last_imu = Some(s.time);
+        self.trust.check(s.time);
+        if dt > self.settings.imu_max_gap_s {
+            self.broken_off(s.time, Why::ImuGap(dt));
+            return Verdict::Used;
+        }
+        let Some(place) = self.place.clone() else {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        };
+        if self.state.is_none() {
+            self.first_attitude(s, &place);
+        }
+        let Some(mut state) = self.state else {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        };
+        let report = self.observe(&mut state, s, dt, &place);
+        match (report, state.is_finite()) {
+            (Some(report), true) => {
+                self.state = Some(state);
+                self.after_step(s, dt, &report, &place);
+            }
+            _ => {
+                self.state = None;
+                self.broken_off(s.time, Why::Broken);
+            }
+        }
+        Verdict::Used
+    }
+
+    /// One observer step. Which observer depends on what there is: Grip's with GNSS and a magnetometer, Fusini's with GNSS and
+    /// flow, or in dead reckoning.
+    fn observe(
+        &self,
+        state: &mut ObserverState,
+        s: &ImuSample,
+        dt: f64,
+        place: &Place,
+    ) -> Option<StepReport> {
+        let magnetic = self.magnetic_pair(s.time, place);
+        let printed = self.settings.estimator == Estimator::NloPrinted;
+        let flow_body = self.flow_body.filter(|(t, _)| s.time.seconds_since(*t) < FLOW_AGE_S).map(|(_, v)| v);
+        if self.modes.dead_reckoning() {
+            let velocity = if printed { flow_body } else { self.carried_velocity_body(state, s.time) };
+            // The velocity triad needs a measured direction: the carried velocity would only agree with itself.
+            let reference = match magnetic {
+                Some(pair) => AttitudeReference::Magnetic(pair),
+                None if flow_body.is_some() => AttitudeReference::FlowVelocity,
+                None => AttitudeReference::None,
+            };
+            let flow_velocity_body = if magnetic.is_some() { velocity } else { flow_body };
+            let k_p = self.fusini.k_p * self.settings.observer.holdover_k_p_factor;
+            let input = FusiniInput {
+                dt_s: dt,
+                angular_rate_body: s.angular_rate_body,
+                specific_force_body: s.specific_force_body,
+                gravity_ned: place.gravity_ned,
+                earth_rate_ned: place.earth_rate_ned,
+                flow_velocity_body: flow_velocity_body.filter(|_| self.carrier == Carrier::Flow),
+                aiding: Aiding::DeadReckoning { altitude_down_m: self.height.height_m().map(|h| -h) },
+                reference,
+                k_p_override: (!printed).then_some(k_p),
+            };
+            let mut biases = self.biases;
+            return fusini::step(&self.fusini, state, &mut biases, &input).ok();
+        }
+        let signal = self.signal();
+        if let Some(pair) = magnetic {
+            let (position_error_ned, velocity_error_ned) = signal
+                .map_or((Vector3::zeros(), Vector3::zeros()), |w| {
+                    w.errors(&state.position_ned, &state.velocity_ned)
+                });
+            let input = GripInput {
+                dt_s: dt,
+                angular_rate_body: s.angular_rate_body,
+                specific_force_body: s.specific_force_body,
+                gravity_ned: place.gravity_ned,
+                earth_rate_ned: place.earth_rate_ned,
+                magnetic: Some(pair),
+                position_error_ned,
+                velocity_error_ned,
+            };
+            return grip::step(&self.grip, state, &input).ok();
+        }
+        let input = FusiniInput {
+            dt_s: dt,
+            angular_rate_body: s.angular_rate_body,
+            specific_force_body: s.specific_force_body,
+            gravity_ned: place.gravity_ned,
+            earth_rate_ned: place.earth_rate_ned,
+            flow_velocity_body: flow_body,
+            aiding: Aiding::Gnss(signal),
+            reference: AttitudeReference::FlowVelocity,
+            k_p_override: None,
+        };
+        let mut biases = self.biases;
+        fusini::step(&self.fusini, state, &mut biases, &input).ok()
+    }
+
+    /// The measurement signal, its vertical part from the height filter.
+    fn signal(&self) -> Option<Signal> {
+        let mut signal = self.predictor.signal()?;
+        if let Some(height) = self.height.height_m() {
+            signal.position_ned.z = -height;
+            signal.velocity_ned.z = -self.height.climb_mps();
+            signal.position_axes[2] = true;
+            signal.velocity_axes[2] = true;
+        }
+        Some(signal)
+    }
+
+    /// The flow velocity between flow samples, in the axes of R̂ itself: R̂ is not in SO(3), and R̂·(R̂⁻¹w_v) is w_v without its scale.
+    fn carried_velocity_body(&self, state: &ObserverState, now: ApTime) -> Option<Vector3<f64>> {
+        let fresh = self.flow_body.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S);
+        let w = self.predictor.latest().filter(|_| fresh)?;
+        Some(state.r_hat.try_inverse()? * w.velocity_ned)
+    }
+
+    fn after_step(&mut self, s: &ImuSample, dt: f64, report: &StepReport, place: &Place) {
+        let Some(state) = self.state else { return };
+        if let Some(r) = state.r_body_to_ned() {
+            self.r_body_to_ned = r;
+        }
+        self.angular_rate_body = s.angular_rate_body - state.gyro_bias;
+        let acceleration = self.r_body_to_ned * s.specific_force_body + place.gravity_ned;
+        self.history.push(s.time, self.r_body_to_ned, self.angular_rate_body * dt, acceleration);
+        self.predictor.propagate(s.time, &report.acceleration_ned);
+        self.height.predict(dt, -acceleration.z);
+        self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
+        self.advance_mode(s.time, dt);
+    }
+
+    /// A first guess: TRIAD of specific force (as if at rest) and magnetic field; without a magnetometer north is anywhere. The
+    /// observer converges from any guess; a vehicle at rest needs not wait for that.
+    fn first_attitude(&mut self, s: &ImuSample, place: &Place) {
+        let up = -place.gravity_ned;
+        let guess = match self.magnetic_pair(s.time, place) {
+            Some(pair) => rotation(&s.specific_force_body, &pair.field_body, &up, &pair.field_ned),
+            None if self.modes.seconds_since_start(s.time) < WAIT_FOR_MAGNETOMETER_S => None,
+            None => {
+                let forward = Vector3::x()
+                    - s.specific_force_body * s.specific_force_body.x / s.specific_force_body.norm_squared();
+                rotation(&s.specific_force_body, &forward, &up, &Vector3::x())
+            }
+        };
+        if let Some(r) = guess {
+            self.r_body_to_ned = r;
+            self.state = Some(ObserverState::new(r, Vector3::zeros(), Vector3::zeros()));
+        }
+    }
+
+    fn magnetic_pair(&self, now: ApTime, place: &Place) -> Option<MagneticPair> {
+        let (time, field_body) = self.magnetic?;
+        let field_ned = place.field_ned?;
+        (now.seconds_since(time) < super::MAGNETIC_AGE_S).then_some(MagneticPair { field_body, field_ned })
+    }
+
+    /// The stream or the estimate broke: what was known does not hold any more.
+    pub(super) fn broken_off(&mut self, time: ApTime, why: Why) {
+        self.history.clear();
+        self.predictor.clear();
+        self.flow_body = None;
+        self.range = None;
+        self.latency.interrupt();
+        let to = match self.modes.mode() {
+            Mode::Aligning => return,
+            Mode::Aided => Mode::Aligning,
+            Mode::Holdover | Mode::Rejoining | Mode::Lost => Mode::Lost,
+        };
+        self.change_mode(time, to, why);
+    }
+}
+
+/// A flow velocity is used for this long, s.
+pub(super) const FLOW_AGE_S: f64 = 0.5;
+
+/// The rotation that maps two body vectors to two NED vectors; the first pair exactly.
+fn rotation(
+    b1: &Vector3<f64>,
+    b2: &Vector3<f64>,
+    n1: &Vector3<f64>,
+    n2: &Vector3<f64>,
+) -> Option<Matrix3<f64>> {
+    let r = normalised_triad(n1, n2)? * normalised_triad(b1, b2)?.transpose();
+    so3::nearest_rotation(&r)
+}
+
+fn finite(v: &Vector3<f64>) -> bool {
+    v.iter().all(|c| c.is_finite())
+}

@@ -1,0 +1,274 @@
+//! The mode machine: Aligning → Aided → Holdover → Rejoining → Aided, and Lost; and the uncertainty that goes with each mode.
+
+use nalgebra::{Matrix2, Matrix2x4, Matrix3, Vector2, Vector3};
+
+use crate::observer::ObserverState;
+use crate::time::ApTime;
+
+use super::Navigator;
+use super::budget::ErrorBudget;
+use super::event::{What, Why};
+use super::inertial::FLOW_AGE_S;
+use super::settings::ObserverSettings;
+use super::solution::{Carrier, Mode};
+use super::trust::{GnssFault, GnssState};
+
+/// The position has joined GNSS when it is this near, m.
+const JOINED_M: f64 = 0.05;
+/// Attitude uncertainty while aligning, rad.
+const UNKNOWN_ATTITUDE: f64 = 0.5;
+/// Velocity uncertainty with GNSS, m/s.
+const AIDED_VELOCITY_SIGMA: f64 = 0.15;
+/// What "not known" is in metres and m/s: for a solution that is still aligning.
+const UNKNOWN_M: f64 = 1e4;
+const UNKNOWN_MPS: f64 = 100.0;
+
+/// Mode and what decides about it.
+#[derive(Clone, Debug)]
+pub(super) struct ModeState {
+    mode: Mode,
+    started: Option<ApTime>,
+    /// Since when the injection has been small.
+    calm_since: Option<ApTime>,
+    coasting_since: Option<ApTime>,
+}
+
+impl ModeState {
+    pub(super) fn new() -> Self {
+        Self { mode: Mode::Aligning, started: None, calm_since: None, coasting_since: None }
+    }
+
+    pub(super) fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Whether Fusini's dead-reckoning equations are in force.
+    pub(super) fn dead_reckoning(&self) -> bool {
+        matches!(self.mode, Mode::Holdover | Mode::Lost)
+    }
+
+    pub(super) fn started(&mut self, time: ApTime) {
+        self.started = Some(time);
+    }
+
+    pub(super) fn seconds_since_start(&self, now: ApTime) -> f64 {
+        self.started.map_or(0.0, |t| now.seconds_since(t))
+    }
+
+    /// Takes the norm of the attitude injection: small for long enough is an attitude found.
+    pub(super) fn injection(&mut self, now: ApTime, norm: Option<f64>, settings: &ObserverSettings) {
+        match norm {
+            Some(n) if n < settings.aligned_injection => {
+                self.calm_since.get_or_insert(now);
+            }
+            Some(_) => self.calm_since = None,
+            // Without reference vectors nothing is learned; what was found still holds.
+            None => {}
+        }
+    }
+
+    fn attitude_found(&self, now: ApTime, settings: &ObserverSettings) -> bool {
+        self.calm_since.is_some_and(|t| now.seconds_since(t) >= settings.aligned_s)
+    }
+}
+
+impl Navigator {
+    /// Looks at what has changed since the last IMU sample.
+    pub(super) fn advance_mode(&mut self, now: ApTime, dt: f64) {
+        let trusted = self.trust.trusted();
+        match self.modes.mode {
+            Mode::Aligning => {
+                let found = self.modes.attitude_found(now, &self.settings.observer);
+                if found && trusted && self.height.height_m().is_some() {
+                    self.take_fix_over();
+                    self.change_mode(now, Mode::Aided, Why::Aligned);
+                }
+            }
+            Mode::Aided => {
+                if !trusted {
+                    self.enter_holdover(now);
+                }
+            }
+            Mode::Holdover => self.advance_holdover(now, dt),
+            Mode::Rejoining => {
+                if trusted {
+                    self.glide(now, dt);
+                } else {
+                    self.enter_holdover(now);
+                }
+            }
+            // The way out of Lost is a GNSS that is trusted again: see `came_back`.
+            Mode::Lost => {}
+        }
+    }
+
+    pub(super) fn change_mode(&mut self, time: ApTime, to: Mode, why: Why) {
+        let from = self.modes.mode;
+        if from == to {
+            return;
+        }
+        self.modes.mode = to;
+        self.modes.coasting_since = None;
+        if to == Mode::Aligning {
+            self.modes.calm_since = None;
+        }
+        self.carrier = match to {
+            Mode::Holdover | Mode::Lost => self.carrier,
+            _ => Carrier::Gnss,
+        };
+        self.tell(time, What::Mode { from, to, why });
+    }
+
+    /// The autopilot rebooted: the vehicle stands, nothing else is certain.
+    pub fn reboot(&mut self, time: ApTime) {
+        self.broken_off(time, Why::Reboot);
+        self.change_mode(time, Mode::Aligning, Why::Reboot);
+        self.state = None;
+        self.last_imu = None;
+        self.magnetic = None;
+        self.pressure = None;
+        self.offset_ned = Vector3::zeros();
+        self.reset_counter = self.reset_counter.wrapping_add(1);
+    }
+
+    /// On the first entry the estimate is set to the measurement signal: the observer's transient is over for the attitude only.
+    fn take_fix_over(&mut self) {
+        if let (Some(w), Some(state)) = (self.predictor.latest(), &mut self.state) {
+            state.position_ned = w.position_ned;
+            state.velocity_ned = w.velocity_ned;
+        }
+        self.offset_ned = Vector3::zeros();
+        self.budget = None;
+    }
+
+    fn enter_holdover(&mut self, now: ApTime) {
+        let GnssState::Untrusted(fault) = self.trust.state() else { return };
+        if let (GnssFault::Inconsistent, Some(state)) = (fault, &mut self.state) {
+            // What the slow lie added is taken back; the published position glides after it.
+            let walked = self.trust.run_away();
+            let walked = Vector3::new(walked.x, walked.y, 0.0);
+            state.position_ned -= walked;
+            self.offset_ned += walked;
+            self.tell(now, What::WalkedBack(walked.norm()));
+        }
+        // Gliding on without GNSS would be a wrong velocity: where it was published to be is where it is, plus what is missing.
+        let start = Matrix2::identity() * self.gnss_sigma_m.powi(2) + offset_covariance(&self.offset_ned);
+        let calibration = self.carrying_calibration();
+        self.budget = Some(ErrorBudget::new(self.settings.holdover.budget, start, *calibration.covariance()));
+        self.carrier = Carrier::Inertial;
+        self.change_mode(now, Mode::Holdover, Why::GnssLost(fault));
+    }
+
+    fn advance_holdover(&mut self, now: ApTime, dt: f64) {
+        let flowing =
+            self.flow_body.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S) && self.flows_carry();
+        self.carrier = if flowing { Carrier::Flow } else { Carrier::Inertial };
+        if flowing {
+            self.modes.coasting_since = None;
+        } else if let Some(budget) = &mut self.budget {
+            budget.coasted(dt);
+            self.modes.coasting_since.get_or_insert(now);
+        }
+        self.glide_step(dt);
+        let limits = &self.settings.holdover;
+        let sigma = self.solution().map_or(f64::INFINITY, |s| s.horizontal_sigma_m());
+        let coasted = self.modes.coasting_since.map_or(0.0, |t| now.seconds_since(t));
+        if sigma > limits.max_sigma_m || sigma.is_nan() {
+            self.change_mode(now, Mode::Lost, Why::Uncertain(sigma));
+        } else if coasted > limits.max_coast_s {
+            self.change_mode(now, Mode::Lost, Why::Coasted(coasted));
+        }
+    }
+
+    fn flows_carry(&self) -> bool {
+        self.settings.estimator != super::Estimator::Inertial
+            && self.flow_sensors().any(|(_, _, trust)| trust.is_ok())
+    }
+
+    /// The budget's part of a flow sample that was used.
+    pub(super) fn carried_by_flow(
+        &mut self,
+        dt: f64,
+        r_body_to_ned: &Matrix3<f64>,
+        jacobian: &Matrix2x4<f64>,
+        v_ne: &Vector2<f64>,
+        density: f64,
+        ranged: bool,
+    ) {
+        if let Some(budget) = &mut self.budget {
+            budget.carried(dt, r_body_to_ned, jacobian, v_ne, density, ranged);
+        }
+    }
+
+    /// GNSS is trusted again and the estimate has moved to it; the published position still stands where it was.
+    pub(super) fn came_back(&mut self, now: ApTime) {
+        let away = self.offset_ned.norm();
+        self.budget = None;
+        if self.modes.mode == Mode::Lost || away > self.settings.rejoin.jump_m {
+            self.offset_ned = Vector3::zeros();
+            self.reset_counter = self.reset_counter.wrapping_add(1);
+            self.tell(now, What::Reset(away));
+            self.change_mode(now, Mode::Aided, Why::GnssBack);
+        } else {
+            self.change_mode(now, Mode::Rejoining, Why::GnssBack);
+        }
+    }
+
+    fn glide(&mut self, now: ApTime, dt: f64) {
+        self.glide_step(dt);
+        if self.offset_ned.norm() < JOINED_M {
+            self.offset_ned = Vector3::zeros();
+            self.change_mode(now, Mode::Aided, Why::Joined);
+        }
+    }
+
+    fn glide_step(&mut self, dt: f64) {
+        let away = self.offset_ned.norm();
+        if away > 0.0 {
+            let step = (self.settings.rejoin.glide_mps * dt).min(away);
+            self.offset_ned *= 1.0 - step / away;
+        }
+    }
+
+    pub(super) fn covariances(&self, _state: &ObserverState) -> (Matrix3<f64>, Matrix3<f64>) {
+        let mut p = Matrix3::identity();
+        let mut v = Matrix3::identity();
+        let (p_ne, v_ne) = match (self.modes.mode, &self.budget, self.last_imu) {
+            (Mode::Holdover | Mode::Lost, Some(budget), Some(now)) => (
+                budget.position(self.has_magnetometer(now)) + offset_covariance(&self.offset_ned),
+                budget.velocity(),
+            ),
+            (Mode::Aided | Mode::Rejoining, ..) => (
+                Matrix2::identity() * self.gnss_sigma_m.powi(2) + offset_covariance(&self.offset_ned),
+                Matrix2::identity() * AIDED_VELOCITY_SIGMA.powi(2),
+            ),
+            _ => (Matrix2::identity() * UNKNOWN_M.powi(2), Matrix2::identity() * UNKNOWN_MPS.powi(2)),
+        };
+        p.fixed_view_mut::<2, 2>(0, 0).copy_from(&p_ne);
+        v.fixed_view_mut::<2, 2>(0, 0).copy_from(&v_ne);
+        p[(2, 2)] = self.height.height_sigma_m().powi(2);
+        v[(2, 2)] = self.height.climb_sigma_mps().powi(2);
+        (p, v)
+    }
+
+    pub(super) fn attitude_variance(&self) -> Vector3<f64> {
+        if self.modes.mode == Mode::Aligning {
+            return Vector3::repeat(UNKNOWN_ATTITUDE.powi(2));
+        }
+        let b = &self.settings.holdover.budget;
+        let tilt = b.tilt_sigma_rad.powi(2);
+        let heading =
+            b.heading_sigma_rad.powi(2) + self.settings.flow.calibration.misalignment_sigma_rad.powi(2) * 0.1;
+        let drifted = self.budget.as_ref().map_or(0.0, |budget| match self.last_imu {
+            Some(now) if !self.has_magnetometer(now) => (b.heading_drift_radps * budget.elapsed_s()).powi(2),
+            _ => 0.0,
+        });
+        Vector3::new(tilt, tilt, heading + drifted)
+    }
+}
+
+/// A position that is still gliding is off by what is missing.
+fn offset_covariance(offset_ned: &Vector3<f64>) -> Matrix2<f64> {
+    let o = offset_ned.xy();
+    o * o.transpose()
+}

@@ -1,0 +1,140 @@
+//! Everything that can be set, in SI units. The configuration is validated into this.
+
+use serde::{Deserialize, Serialize};
+
+use crate::altimeter::HeightSettings;
+use crate::camera::calibration::CalibrationSettings;
+
+use super::budget::BudgetSettings;
+use super::trust::TrustSettings;
+use nalgebra::{Matrix3, Vector3};
+
+/// What navigates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Estimator {
+    /// The best there is: what the daemon flies. At present [`Estimator::Nlo`].
+    Shipped,
+    /// The nonlinear observers, tuned.
+    Nlo,
+    /// The nonlinear observers with the gains and forms that the papers print.
+    NloPrinted,
+    /// Observer with GNSS, inertial coasting without.
+    Inertial,
+}
+
+impl Estimator {
+    /// Its name, as in the configuration.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Estimator::Shipped => "shipped",
+            Estimator::Nlo => "nlo",
+            Estimator::NloPrinted => "nlo_printed",
+            Estimator::Inertial => "inertial",
+        }
+    }
+}
+
+/// Settings of the navigator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NavigatorSettings {
+    /// What navigates.
+    pub estimator: Estimator,
+    /// A longer hole in the IMU stream ends the navigation, s.
+    pub imu_max_gap_s: f64,
+    /// Use the magnetometer.
+    pub magnetometer: bool,
+    /// Largest relative deviation of the field's strength.
+    pub magnetometer_norm_error: f64,
+    /// Receiver.
+    pub gnss: GnssSettings,
+    /// Flow sensor.
+    pub flow: FlowSettings,
+    /// Rangefinder samples are used for this long, s.
+    pub range_max_age_s: f64,
+    /// Height.
+    pub height: HeightSettings,
+    /// Gains.
+    pub observer: ObserverSettings,
+    /// Dead reckoning.
+    pub holdover: HoldoverSettings,
+    /// The way back.
+    pub rejoin: RejoinSettings,
+}
+
+/// Settings of GNSS.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GnssSettings {
+    /// Age of a fix beyond its own stamp, s.
+    pub delay_s: f64,
+    /// Its standard deviation, s; 0 keeps it.
+    pub delay_sigma_s: f64,
+    /// Horizontal accuracy of a fix that claims none, m.
+    pub default_accuracy_m: f64,
+    /// Trust.
+    pub trust: TrustSettings,
+}
+
+/// Settings of the flow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlowSettings {
+    /// Use it.
+    pub enabled: bool,
+    /// Age of a sample beyond its own stamp, s.
+    pub delay_s: f64,
+    /// Worst quality used, 0 to 1.
+    pub min_quality: f64,
+    /// Noise of the rate of a sample, rad/s.
+    pub rate_noise_radps: f64,
+    /// Largest tilt, rad.
+    pub max_tilt_rad: f64,
+    /// Least height over ground, m.
+    pub min_height_m: f64,
+    /// Rotation from body to camera axes.
+    pub r_body_to_camera: Matrix3<f64>,
+    /// Place of the camera from the IMU, body, m.
+    pub lever_arm_body_m: Vector3<f64>,
+    /// What is known beforehand.
+    pub calibration: CalibrationSettings,
+}
+
+/// Gains of the observers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObserverSettings {
+    /// K_P, 1/s.
+    pub k_p: f64,
+    /// k_I, 1/s.
+    pub k_i: f64,
+    /// Factor on K_P in holdover.
+    pub holdover_k_p_factor: f64,
+    /// K'_vv, 1/s.
+    pub holdover_k_vv: f64,
+    /// K'_ξv, 1/s².
+    pub holdover_k_xv: f64,
+    /// Assumption 3's bound, m²/s³.
+    pub guard: f64,
+    /// The attitude is found when ‖J‖ stays below this …
+    pub aligned_injection: f64,
+    /// … for this long, s.
+    pub aligned_s: f64,
+}
+
+/// Settings of dead reckoning.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HoldoverSettings {
+    /// Horizontal uncertainty that is called lost, m.
+    pub max_sigma_m: f64,
+    /// Longest coasting, s.
+    pub max_coast_s: f64,
+    /// Error sources.
+    pub budget: BudgetSettings,
+}
+
+/// Settings of the way back to GNSS.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RejoinSettings {
+    /// Speed of the glide, m/s.
+    pub glide_mps: f64,
+    /// A longer way is jumped, m.
+    pub jump_m: f64,
+}
