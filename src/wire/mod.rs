@@ -1,5 +1,10 @@
 //! The only room that knows MAVLink: links, tlogs, decoding to [`crate::sample`], encoding of [`crate::outbound`], time
 //! synchronisation and stream requests.
 
+pub mod companion_clock;
 pub mod counters;
+pub mod endpoint;
 pub mod frame;
+pub mod frame_bytes;
+pub mod link;
+pub mod protocol;
