@@ -72,7 +72,7 @@ pub struct TimeSyncCounters {
 #[derive(Clone, Debug, PartialEq)]
 pub enum TimeSyncHeard {
     /// The autopilot asked: send this at once.
-    Answer(MavMessage),
+    Answer(TIMESYNC_DATA),
     /// An answer that was taken into account.
     Measured {
         /// Its offset, autopilot clock less companion clock.
@@ -188,7 +188,7 @@ impl TimeSync {
             self.open.pop_front();
         }
         self.open.push_back(Question { number, sent: now });
-        Some(timesync(0, number, self.autopilot))
+        Some(MavMessage::TIMESYNC(timesync(0, number, self.autopilot)))
     }
 
     /// Takes a TIMESYNC from `from`, received at `received`.
@@ -290,13 +290,8 @@ fn contradict(a: &Sample, b: &Sample) -> bool {
     a.offset.micros().abs_diff(b.offset.micros()) > u64::try_from(bound).unwrap_or(0)
 }
 
-fn timesync(tc1: i64, ts1: i64, to: Address) -> MavMessage {
-    MavMessage::TIMESYNC(TIMESYNC_DATA {
-        tc1,
-        ts1,
-        target_system: to.system.0,
-        target_component: to.component.0,
-    })
+fn timesync(tc1: i64, ts1: i64, to: Address) -> TIMESYNC_DATA {
+    TIMESYNC_DATA { tc1, ts1, target_system: to.system.0, target_component: to.component.0 }
 }
 
 #[cfg(test)]
@@ -352,7 +347,7 @@ mod tests {
             panic!("no answer")
         };
         let expected = TIMESYNC_DATA { tc1: 123_456, ts1: 77, target_system: 1, target_component: 1 };
-        assert_eq!(data(answer), expected);
+        assert_eq!(answer, expected);
         let elsewhere = TIMESYNC_DATA { tc1: 0, ts1: 77, target_system: 1, target_component: 191 };
         assert_eq!(sync.hear(us(5), AUTOPILOT, &elsewhere, 1), TimeSyncHeard::Ignored);
         assert_eq!((sync.counters().answered, sync.counters().not_ours), (1, 1));
