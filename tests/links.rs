@@ -1,4 +1,10 @@
 //! Links over loopback sockets and pseudo-terminals: who is heard, who is answered, and what is survived.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may fail like tests"
+)]
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -33,12 +39,17 @@ async fn within<F: Future>(future: F) -> F::Output {
 
 fn quick() -> LinkConfig {
     LinkConfig {
-        peer_silence: Duration::from_millis(200),
-        tcp_silence: Duration::from_secs(2),
+        peer_silence: Duration::from_secs(3),
+        tcp_silence: Duration::from_secs(3),
         backoff_first: Duration::from_millis(10),
         backoff_cap: Duration::from_millis(50),
         ..LinkConfig::default()
     }
+}
+
+/// Lets go of a silent peer soon.
+fn impatient() -> LinkConfig {
+    LinkConfig { peer_silence: Duration::from_millis(400), ..quick() }
 }
 
 fn endpoint(text: impl AsRef<str>) -> Endpoint {
@@ -57,7 +68,7 @@ async fn open(endpoints: &[&str]) -> Links {
 async fn open_error(text: &str) -> OpenError {
     let endpoints = [endpoint(text)];
     let opened = Links::open(&endpoints, quick(), CompanionClock::new(), CancellationToken::new());
-    within(opened).await.err().expect("it was opened")
+    within(opened).await.expect_err("it was opened")
 }
 
 fn stats(links: &Links) -> LinkStats {
@@ -184,7 +195,7 @@ async fn udpin_answers_the_autopilot_and_a_stranger_cannot_steal_the_link() {
 
 #[tokio::test]
 async fn an_autopilot_that_restarts_on_another_port_is_found_again() {
-    let mut links = open(&["udpin:127.0.0.1:0"]).await;
+    let mut links = open_with(&["udpin:127.0.0.1:0"], impatient(), CompanionClock::new()).await;
     let to = local(&links);
     let before = socket().await;
     before.send_to(&autopilot(), to).await.unwrap();
@@ -272,6 +283,8 @@ async fn what_a_person_must_put_right_is_an_error_at_the_start() {
     let error = open_error("serial:/dev/no-such-device:57600").await;
     assert!(matches!(error, OpenError::NoDevice { .. }), "{error:?}");
     assert!(error.to_string().contains("/dev/no-such-device"), "{error}");
+    let error = open_error("serial:/dev/null:57600").await;
+    assert!(matches!(error, OpenError::Other { .. }), "{error:?}");
 
     let twice = [endpoint("tcpout:127.0.0.1:9"), endpoint("tcpout:127.0.0.1:9")];
     let token = CancellationToken::new();
@@ -320,7 +333,7 @@ async fn a_tcp_server_that_falls_silent_is_connected_to_anew() {
 
 #[tokio::test]
 async fn tcpin_serves_one_client_until_it_is_gone_or_silent() {
-    let mut links = open(&["tcpin:127.0.0.1:0"]).await;
+    let mut links = open_with(&["tcpin:127.0.0.1:0"], impatient(), CompanionClock::new()).await;
     let to = local(&links);
     let mut first = TcpStream::connect(to).await.unwrap();
     event(&mut links, is_up).await;
@@ -333,7 +346,7 @@ async fn tcpin_serves_one_client_until_it_is_gone_or_silent() {
     assert_eq!(stats(&links).wrong_peer, 1);
 
     // The first is silent now, as if its host had lost its power.
-    sleep(Duration::from_millis(250)).await;
+    sleep(Duration::from_millis(450)).await;
     let mut third = TcpStream::connect(to).await.unwrap();
     event(&mut links, is_down).await;
     event(&mut links, is_up).await;
@@ -490,4 +503,26 @@ async fn cancelling_ends_every_task_and_frees_the_ports() {
     within(links.handles.closed()).await;
     assert!(links.handles.stats().iter().all(|s| s.state == LinkState::Closed));
     UdpSocket::bind(address).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_connection_that_takes_no_bytes_is_made_anew() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let config = LinkConfig { write_stall: Duration::from_millis(50), ..quick() };
+    let to = format!("tcpout:{}", listener.local_addr().unwrap());
+    let mut links = open_with(&[&to], config, CompanionClock::new()).await;
+    let (_deaf, _) = within(listener.accept()).await.unwrap();
+    event(&mut links, is_up).await;
+    let longest = FrameBytes::new(&[0xFD; 280]).unwrap();
+    let stalled = async {
+        while stats(&links).reconnects == 0 {
+            for _ in 0..60 {
+                links.handles.send(LINK, longest);
+            }
+            sleep(Duration::from_micros(100)).await;
+        }
+    };
+    within(stalled).await;
+    let down = event(&mut links, is_down).await;
+    assert!(down.to_string().contains("took no bytes"), "{down}");
 }

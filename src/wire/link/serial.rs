@@ -1,9 +1,10 @@
 //! Serial ports.
 
 use std::io;
+use std::path::Path;
 use std::time::Duration;
 
-use tokio_serial::{SerialPortBuilderExt, SerialStream};
+use tokio_serial::{ErrorKind, SerialPortBuilderExt, SerialStream};
 
 use super::OpenError;
 use super::session::{Connect, keep_connected};
@@ -28,13 +29,15 @@ impl Port {
         let reopen = Reopen { device: port.device().to_owned(), baud: port.baud() };
         let stream = reopen.open().map_err(|error| {
             let (endpoint, device) = (endpoint.clone(), reopen.device.clone());
-            // The serial crate calls most failures "no device": the file system knows better.
             match error.kind() {
-                io::ErrorKind::PermissionDenied => OpenError::PermissionDenied { endpoint },
-                io::ErrorKind::ResourceBusy => OpenError::DeviceInUse { endpoint, device },
-                _ if !std::path::Path::new(&device).exists() => OpenError::NoDevice { endpoint, device },
-                _ if says_busy(&error) => OpenError::DeviceInUse { endpoint, device },
-                _ => OpenError::Other { endpoint, source: error },
+                ErrorKind::Io(io::ErrorKind::PermissionDenied) => OpenError::PermissionDenied { endpoint },
+                ErrorKind::Io(io::ErrorKind::NotFound) => OpenError::NoDevice { endpoint, device },
+                // The serial crate also says this of a device that another program has locked.
+                ErrorKind::NoDevice if Path::new(&device).exists() => {
+                    OpenError::DeviceInUse { endpoint, device }
+                }
+                ErrorKind::NoDevice => OpenError::NoDevice { endpoint, device },
+                _ => OpenError::Other { endpoint, source: error.into() },
             }
         })?;
         Ok(Self { reopen, stream })
@@ -46,14 +49,9 @@ impl Port {
     }
 }
 
-fn says_busy(error: &io::Error) -> bool {
-    let text = error.to_string();
-    text.contains("busy") || text.contains("lock")
-}
-
 impl Reopen {
-    fn open(&self) -> io::Result<SerialStream> {
-        tokio_serial::new(&self.device, self.baud).open_native_async().map_err(io::Error::from)
+    fn open(&self) -> tokio_serial::Result<SerialStream> {
+        tokio_serial::new(&self.device, self.baud).open_native_async()
     }
 }
 
@@ -61,7 +59,7 @@ impl Connect for Reopen {
     type Stream = SerialStream;
 
     async fn connect(&self, _shared: &Shared) -> io::Result<(SerialStream, String)> {
-        self.open().map(|stream| (stream, self.device.clone()))
+        Ok((self.open()?, self.device.clone()))
     }
 
     /// An autopilot that is being flashed is silent; the port is still the right one.
