@@ -73,9 +73,9 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// Standard deviation of the horizontal position: the root of the mean of its two variances, m.
+    /// Standard deviation of the horizontal position error, √(P_NN + P_EE), m: the expected root mean square of its length (DRMS).
     pub fn horizontal_sigma_m(&self) -> f64 {
         let p = &self.position_covariance;
-        (0.5 * (p[(0, 0)] + p[(1, 1)])).max(0.0).sqrt()
+        (p[(0, 0)] + p[(1, 1)]).max(0.0).sqrt()
     }
 }

@@ -311,7 +311,7 @@ mod tests {
         let mut out = Outbound::new(settings(Publish::Holdover));
         out.origin_shared();
         assert_eq!(run(&mut out, 0, 500, Mode::Lost).len(), 0, "nobody was listening");
-        assert!(run(&mut out, 500, 1500, Mode::Holdover).iter().all(|o| o.quality == 96));
+        assert!(run(&mut out, 500, 1500, Mode::Holdover).iter().all(|o| o.quality == 94));
         let farewell = run(&mut out, 1500, 9000, Mode::Lost);
         assert!((29..=32).contains(&farewell.len()), "{}", farewell.len());
         assert!(farewell.iter().all(|o| o.quality == -1));

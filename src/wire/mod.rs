@@ -2,7 +2,12 @@
 //! synchronisation and stream requests.
 
 pub mod clock;
+pub mod companion_clock;
 pub mod counters;
 pub mod decode;
+pub mod endpoint;
 pub mod frame;
+pub mod frame_bytes;
+pub mod link;
+pub mod protocol;
 pub mod tlog;

@@ -1,0 +1,173 @@
+//! Finds the frames in a stream of bytes, or in a datagram.
+
+use crate::wire::counters::Cause;
+use crate::wire::frame::{Frame, MAX_FRAME_LEN, Scan, scan};
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Found<'a> {
+    /// A frame with a valid checksum.
+    Frame(Frame<'a>),
+    /// A frame of a message that the dialect does not know.
+    Unknown(Frame<'a>),
+    /// `n` bytes of garbage, or one damaged frame.
+    Reject { cause: Cause, n: u64 },
+}
+
+/// Calls `each` for everything in `bytes`; returns how many bytes are done with. With `at_end` that is all of them.
+pub(super) fn deframe(bytes: &[u8], at_end: bool, mut each: impl FnMut(Found<'_>)) -> usize {
+    let mut done = 0;
+    while let Some(rest) = bytes.get(done..).filter(|rest| !rest.is_empty()) {
+        done += match scan(rest, at_end) {
+            Scan::Frame(frame) => {
+                each(Found::Frame(frame));
+                frame.len()
+            }
+            Scan::Unknown(frame) => {
+                each(Found::Unknown(frame));
+                frame.len()
+            }
+            Scan::Skip { skip, cause } => {
+                let n = if cause == Cause::Garbage { skip as u64 } else { 1 };
+                each(Found::Reject { cause, n });
+                skip
+            }
+            // What looks like the head of a frame that was cut off may as well be garbage with a frame behind it.
+            Scan::Incomplete if at_end => {
+                each(Found::Reject { cause: Cause::Garbage, n: 1 });
+                1
+            }
+            Scan::Incomplete => break,
+        };
+    }
+    done
+}
+
+/// Room for several frames, so that a burst takes few reads.
+const CAPACITY: usize = 16 * MAX_FRAME_LEN;
+
+/// A bounded buffer between a stream and [`deframe`].
+#[derive(Debug)]
+pub(super) struct Deframer {
+    buffer: Box<[u8]>,
+    filled: usize,
+}
+
+impl Deframer {
+    pub(super) fn new() -> Self {
+        Self { buffer: vec![0; CAPACITY].into_boxed_slice(), filled: 0 }
+    }
+
+    /// Where to read to. Never empty: less than one frame and its successor's first byte stay in the buffer.
+    pub(super) fn space(&mut self) -> &mut [u8] {
+        &mut self.buffer[self.filled..]
+    }
+
+    /// Takes note that `n` bytes were read, and calls `each` for everything that is complete.
+    pub(super) fn advance(&mut self, n: usize, each: impl FnMut(Found<'_>)) {
+        self.filled = (self.filled + n).min(self.buffer.len());
+        let done = deframe(&self.buffer[..self.filled], false, each);
+        self.buffer.copy_within(done..self.filled, 0);
+        self.filled -= done;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::wire::frame::{ComponentId, SystemId};
+    use crate::wire::protocol::Address;
+    use crate::wire::protocol::heartbeat::{Health, heartbeat};
+    use crate::wire::protocol::outgoing::FrameWriter;
+
+    #[derive(Debug, PartialEq, Eq, Clone)]
+    enum Owned {
+        Frame(Vec<u8>),
+        Unknown(Vec<u8>),
+        Damaged,
+    }
+
+    /// What was found, and the bytes of garbage.
+    fn collect(list: &mut Vec<Owned>, garbage: &mut u64, found: Found<'_>) {
+        match found {
+            Found::Frame(f) => list.push(Owned::Frame(f.bytes().to_vec())),
+            Found::Unknown(f) => list.push(Owned::Unknown(f.bytes().to_vec())),
+            Found::Reject { cause: Cause::Garbage, n } => *garbage += n,
+            Found::Reject { .. } => list.push(Owned::Damaged),
+        }
+    }
+
+    fn in_chunks(bytes: &[u8], sizes: &[usize]) -> (Vec<Owned>, u64) {
+        let (mut list, mut garbage) = (Vec::new(), 0);
+        let mut deframer = Deframer::new();
+        let mut rest = bytes;
+        let mut sizes = sizes.iter().cycle();
+        while !rest.is_empty() {
+            let space = deframer.space();
+            assert!(!space.is_empty());
+            let n = sizes.next().copied().unwrap_or(1).clamp(1, rest.len().min(space.len()));
+            space[..n].copy_from_slice(&rest[..n]);
+            rest = &rest[n..];
+            deframer.advance(n, |found| collect(&mut list, &mut garbage, found));
+        }
+        (list, garbage)
+    }
+
+    fn frames(n: u32) -> Vec<Vec<u8>> {
+        let from = Address { system: SystemId(1), component: ComponentId(1) };
+        let mut writer = FrameWriter::new(from);
+        (0..n).map(|i| writer.write(&heartbeat(Health::Active, i)).unwrap().to_vec()).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn any_chunking_gives_the_frames_between_the_garbage(
+            garbage in prop::collection::vec(prop::collection::vec(
+                any::<u8>().prop_filter("no start byte", |b| *b != 0xFD && *b != 0xFE), 0..40), 1..30),
+            sizes in prop::collection::vec(1usize..700, 1..20),
+        ) {
+            let valid = frames(garbage.len() as u32);
+            let stream: Vec<u8> = garbage.iter().zip(&valid).flat_map(|(g, f)| [g.clone(), f.clone()]).flatten().collect();
+            let (list, count) = in_chunks(&stream, &sizes);
+            prop_assert_eq!(list, valid.into_iter().map(Owned::Frame).collect::<Vec<_>>());
+            prop_assert_eq!(count, garbage.iter().map(|g| g.len() as u64).sum::<u64>());
+        }
+
+        #[test]
+        fn arbitrary_bytes_give_the_same_in_any_chunking(
+            pieces in prop::collection::vec(prop_oneof![
+                prop::collection::vec(any::<u8>(), 0..60),
+                prop::collection::vec(prop::sample::select(vec![0xFDu8, 0xFE, 0, 1, 9, 255]), 0..60),
+                (0usize..8).prop_map(|i| frames(8).swap_remove(i)),
+            ], 0..40),
+            sizes in prop::collection::vec(1usize..5000, 1..20),
+        ) {
+            let stream: Vec<u8> = pieces.into_iter().flatten().collect();
+            prop_assert_eq!(in_chunks(&stream, &sizes), in_chunks(&stream, &[1]));
+        }
+
+        #[test]
+        fn a_datagram_is_used_to_its_end(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+            let mut covered = 0;
+            let done = deframe(&bytes, true, |found| covered += match found {
+                Found::Frame(f) | Found::Unknown(f) => f.len(),
+                // The search goes on at the damaged frame's second byte.
+                Found::Reject { cause: Cause::BadChecksum, .. } => 1,
+                Found::Reject { n, .. } => n as usize,
+            });
+            prop_assert_eq!(done, bytes.len());
+            prop_assert_eq!(covered, bytes.len());
+        }
+    }
+
+    #[test]
+    fn a_false_start_at_the_end_of_a_datagram_hides_no_frame() {
+        let mut datagram = vec![0xFD, 200, 0];
+        datagram.extend(&frames(1)[0]);
+        let (mut list, mut garbage) = (Vec::new(), 0);
+        deframe(&datagram, true, |found| collect(&mut list, &mut garbage, found));
+        assert_eq!((list, garbage), (vec![Owned::Frame(frames(1).remove(0))], 3));
+    }
+}

@@ -1,0 +1,239 @@
+//! What the tasks of a link and its handles share: counters, queues and state.
+
+use std::net::SocketAddr;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::mpsc;
+
+use super::backoff::Backoff;
+use super::deframer::Found;
+use super::event::{LinkEvent, LinkEventKind};
+use super::queue::{OutboundQueue, SendOutcome};
+use super::stats::{LinkState, LinkStats};
+use super::{LinkConfig, LinkId, ReceivedFrame};
+use crate::time::{Companion, Span, Stamp};
+use crate::wire::companion_clock::CompanionClock;
+use crate::wire::counters::Cause;
+use crate::wire::endpoint::Endpoint;
+use crate::wire::frame::Frame;
+use crate::wire::frame_bytes::FrameBytes;
+
+/// One link.
+#[derive(Debug)]
+pub(super) struct Shared {
+    id: LinkId,
+    pub(super) config: LinkConfig,
+    clock: CompanionClock,
+    outbound: OutboundQueue,
+    inbound: mpsc::Sender<ReceivedFrame>,
+    events: mpsc::Sender<LinkEvent>,
+    inner: Mutex<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    stats: LinkStats,
+    was_up: bool,
+    troubled: bool,
+    stranger_told: bool,
+}
+
+pub(super) fn span(duration: Duration) -> Span {
+    Span::from_micros(i64::try_from(duration.as_micros()).unwrap_or(i64::MAX))
+}
+
+impl Shared {
+    pub(super) fn new(
+        id: LinkId,
+        endpoint: Endpoint,
+        config: &LinkConfig,
+        clock: CompanionClock,
+        inbound: mpsc::Sender<ReceivedFrame>,
+        events: mpsc::Sender<LinkEvent>,
+    ) -> Self {
+        let stats = LinkStats::new(id, endpoint);
+        Self {
+            id,
+            config: config.clone(),
+            clock,
+            outbound: OutboundQueue::new(config.outbound_capacity, span(config.max_queue_age)),
+            inbound,
+            events,
+            inner: Mutex::new(Inner { stats, was_up: false, troubled: false, stranger_told: false }),
+        }
+    }
+
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn id(&self) -> LinkId {
+        self.id
+    }
+
+    pub(super) fn now(&self) -> Stamp<Companion> {
+        self.clock.now()
+    }
+
+    pub(super) fn stats(&self) -> LinkStats {
+        self.inner().stats.clone()
+    }
+
+    pub(super) fn set_local(&self, local: Option<SocketAddr>) {
+        self.inner().stats.local = local;
+    }
+
+    pub(super) fn backoff(&self) -> Backoff {
+        Backoff::new(self.config.backoff_first, self.config.backoff_cap)
+    }
+
+    pub(super) fn emit(&self, kind: LinkEventKind) {
+        let event = LinkEvent { link: self.id, at: self.now(), kind };
+        if self.events.try_send(event).is_err() {
+            self.inner().stats.events_dropped += 1;
+        }
+    }
+
+    /// The link can carry frames to `peer` from now on.
+    pub(super) fn up(&self, peer: String, event: fn(String) -> LinkEventKind) {
+        {
+            let mut inner = self.inner();
+            if std::mem::replace(&mut inner.was_up, true) {
+                inner.stats.reconnects += 1;
+            }
+            inner.stats.state = LinkState::Up;
+            inner.stats.peer = Some(peer.clone());
+            inner.stranger_told = false;
+            inner.troubled = false;
+        }
+        self.outbound.open();
+        self.emit(event(peer));
+    }
+
+    /// The link cannot carry frames from now on.
+    pub(super) fn down(&self, event: LinkEventKind) {
+        self.stop(LinkState::Waiting);
+        self.emit(event);
+    }
+
+    /// The link's task has ended.
+    pub(super) fn closed(&self) {
+        self.stop(LinkState::Closed);
+    }
+
+    fn stop(&self, state: LinkState) {
+        let unsent = self.outbound.close();
+        let mut inner = self.inner();
+        inner.stats.unsent_down += unsent;
+        inner.stats.state = state;
+        inner.stats.peer = None;
+    }
+
+    /// Waits before the next attempt to open the link, and says so.
+    pub(super) async fn pause(&self, backoff: &mut Backoff, reason: String) {
+        let after = backoff.pause();
+        self.inner().stats.io_errors += 1;
+        self.emit(LinkEventKind::Retry { reason, after });
+        tokio::time::sleep(after).await;
+    }
+
+    /// An error that may pass.
+    pub(super) fn trouble(&self, error: &std::io::Error) {
+        let first = {
+            let mut inner = self.inner();
+            inner.stats.io_errors += 1;
+            !std::mem::replace(&mut inner.troubled, true)
+        };
+        if first {
+            self.emit(LinkEventKind::Trouble { reason: error.to_string() });
+        }
+    }
+
+    /// A sender that is not the peer.
+    pub(super) fn stranger(&self, peer: SocketAddr) {
+        let first = {
+            let mut inner = self.inner();
+            inner.stats.wrong_peer += 1;
+            !std::mem::replace(&mut inner.stranger_told, true)
+        };
+        if first {
+            self.emit(LinkEventKind::StrangerIgnored { peer: peer.to_string() });
+        }
+    }
+
+    pub(super) fn unpinned(&self) {
+        self.inner().stats.unpinned += 1;
+    }
+
+    pub(super) fn read(&self, bytes: usize) {
+        self.inner().stats.bytes_in += bytes as u64;
+    }
+
+    /// Counts what was found in the peer's bytes, and passes frames on. Never waits.
+    pub(super) fn found(&self, found: Found<'_>, received: Stamp<Companion>) {
+        match found {
+            Found::Frame(frame) => self.frame(&frame, received, true),
+            Found::Unknown(frame) => self.frame(&frame, received, false),
+            Found::Reject { cause, n } => self.inner().stats.rejects.add(cause, n),
+        }
+    }
+
+    fn frame(&self, frame: &Frame<'_>, received: Stamp<Companion>, known: bool) {
+        let delivered = FrameBytes::new(frame.bytes()).is_some_and(|bytes| {
+            self.inbound.try_send(ReceivedFrame { link: self.id, received, bytes, known }).is_ok()
+        });
+        let mut inner = self.inner();
+        let stats = &mut inner.stats;
+        stats.frames_in += 1;
+        stats.inbound_dropped += u64::from(!delivered);
+        stats.follow(frame, known);
+        if known {
+            stats.rejects.frames += 1;
+            stats.last_heard = Some(received);
+            inner.troubled = false;
+        } else {
+            stats.rejects.count(Cause::UnknownId);
+        }
+    }
+
+    /// Frames received so far.
+    pub(super) fn frames_in(&self) -> u64 {
+        self.inner().stats.frames_in
+    }
+
+    /// When the last valid frame came.
+    pub(super) fn last_heard(&self) -> Option<Stamp<Companion>> {
+        self.inner().stats.last_heard
+    }
+
+    pub(super) fn send(&self, frame: FrameBytes) -> SendOutcome {
+        let outcome = self.outbound.push(frame, self.now());
+        match outcome {
+            SendOutcome::Queued | SendOutcome::NoSuchLink => {}
+            SendOutcome::QueuedOldestDropped => self.inner().stats.unsent_full += 1,
+            SendOutcome::LinkDown => self.inner().stats.unsent_down += 1,
+        }
+        outcome
+    }
+
+    /// The next frame to write. Cancelling this loses no frame.
+    pub(super) async fn next_outbound(&self) -> FrameBytes {
+        loop {
+            let popped = self.outbound.pop(self.now());
+            if popped.stale > 0 {
+                self.inner().stats.unsent_stale += popped.stale;
+            }
+            match popped.frame {
+                Some(frame) => return frame,
+                None => self.outbound.arrived().await,
+            }
+        }
+    }
+
+    pub(super) fn written(&self, bytes: usize) {
+        let mut inner = self.inner();
+        inner.stats.bytes_out += bytes as u64;
+        inner.stats.frames_out += 1;
+    }
+}

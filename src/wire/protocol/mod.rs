@@ -1,0 +1,62 @@
+//! The conversations Holdover holds with an autopilot, as state machines without input or output of their own.
+//!
+//! Each is told what was heard and what time it is, and returns the messages to send. None of them reads a clock or knows a
+//! link, so a test plays an hour of flight in a millisecond, and the same messages at the same times give the same answers.
+
+pub mod heartbeat;
+pub mod heartbeat_fields;
+pub mod identity;
+pub mod outgoing;
+pub mod statustext;
+pub mod streams;
+pub mod timesync;
+
+use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+
+use super::frame::{ComponentId, SystemId};
+
+/// Who speaks, or who is spoken to.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct Address {
+    /// The vehicle or ground station.
+    pub system: SystemId,
+    /// The part of it.
+    pub component: ComponentId,
+}
+
+impl Address {
+    /// Whether a message with these target fields is for this address. Zero is everyone.
+    pub fn is_meant_by(self, target_system: u8, target_component: u8) -> bool {
+        (target_system == 0 || target_system == self.system.0)
+            && (target_component == 0 || target_component == self.component.0)
+    }
+}
+
+/// A `COMMAND_LONG` of two parameters; the others are 0.
+fn command_long(to: Address, command: MavCmd, param1: f32, param2: f32) -> MavMessage {
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        param1,
+        param2,
+        param3: 0.0,
+        param4: 0.0,
+        param5: 0.0,
+        param6: 0.0,
+        param7: 0.0,
+        command,
+        target_system: to.system.0,
+        target_component: to.component.0,
+        confirmation: 0,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_of_zero_is_everyone() {
+        let us = Address { system: SystemId(1), component: ComponentId(197) };
+        assert!(us.is_meant_by(0, 0) && us.is_meant_by(1, 0) && us.is_meant_by(1, 197));
+        assert!(!us.is_meant_by(2, 0) && !us.is_meant_by(1, 1) && !us.is_meant_by(0, 1));
+    }
+}
