@@ -2,10 +2,15 @@
 
 pub mod altimeter;
 pub mod camera;
+pub mod cli;
+pub mod config;
 pub mod geo;
+pub mod metrics;
 pub mod navigator;
 pub mod observer;
 pub mod outbound;
+pub mod pipeline;
+pub mod replay;
 pub mod sample;
 pub mod time;
 pub mod wire;

@@ -1,0 +1,249 @@
+//! `holdover inspect`: what is in a log, which rates and gaps, and what Holdover can do with it.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use clap::Args;
+use mavlink::Message;
+use serde::Serialize;
+
+use crate::replay::log::Log;
+use crate::sample::{Reference, Sample, SampleKind};
+use crate::time::ApTime;
+use crate::wire::decode::Item;
+
+use super::table::Table;
+use super::{ConfigArgs, Failure};
+
+/// Arguments of `inspect`.
+#[derive(Debug, Args)]
+pub struct InspectArgs {
+    /// Telemetry log (.tlog)
+    pub log: PathBuf,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+    /// Settings
+    #[command(flatten)]
+    pub settings: ConfigArgs,
+}
+
+/// IMU streams slower than this cannot be integrated, Hz.
+const LEAST_IMU_HZ: f64 = 20.0;
+
+/// Rate and gaps of one kind of sample.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stream {
+    n: u64,
+    first: Option<ApTime>,
+    last: Option<ApTime>,
+    longest_gap_s: f64,
+}
+
+impl Stream {
+    fn note(&mut self, time: ApTime) {
+        if let Some(last) = self.last {
+            self.longest_gap_s = self.longest_gap_s.max(time.seconds_since(last));
+        }
+        self.n += 1;
+        self.first.get_or_insert(time);
+        self.last = self.last.max(Some(time));
+    }
+
+    fn rate_hz(&self) -> Option<f64> {
+        let span = self.last?.seconds_since(self.first?);
+        (span > 0.0 && self.n > 1).then(|| (self.n - 1) as f64 / span)
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct InspectReport {
+    log: String,
+    duration_s: f64,
+    autopilot: String,
+    system: u8,
+    frames: u64,
+    skipped_bytes: u64,
+    bad_crc: u64,
+    truncated: bool,
+    reboots: u32,
+    samples: Vec<StreamReport>,
+    truth: bool,
+    messages: Vec<MessageReport>,
+    can: Vec<String>,
+    lacks: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct StreamReport {
+    kind: &'static str,
+    count: u64,
+    rate_hz: Option<f64>,
+    longest_gap_s: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct MessageReport {
+    system: u8,
+    component: u8,
+    message: String,
+    count: u64,
+}
+
+/// What is missing for any navigation, in words; `None` if nothing is.
+pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<String> {
+    let names = |wanted: bool| -> Vec<&str> {
+        SampleKind::ALL.iter().filter(|k| (heard[**k as usize] > 0) == wanted).map(|k| k.label()).collect()
+    };
+    let heard_names = match names(true) {
+        n if n.is_empty() => "no sensor at all".to_owned(),
+        n => n.join(", "),
+    };
+    let imu = heard[SampleKind::Imu as usize];
+    let rate = imu as f64 / duration_s.max(1e-3);
+    if imu == 0 {
+        return Some(format!(
+            "no IMU: it holds {heard_names}. Holdover needs HIGHRES_IMU (or SCALED_IMU, or ArduPilot's RAW_IMU) at {LEAST_IMU_HZ} Hz or more"
+        ));
+    }
+    if rate < LEAST_IMU_HZ {
+        return Some(format!(
+            "the IMU comes at {rate:.1} Hz, too slow to integrate: Holdover needs {LEAST_IMU_HZ} Hz or more; it holds {heard_names}"
+        ));
+    }
+    if heard[SampleKind::Gnss as usize] == 0 {
+        return Some(format!("no GNSS (GPS_RAW_INT): there is no place to start from; it holds {heard_names}"));
+    }
+    None
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`].
+pub fn run(args: &InspectArgs) -> Result<(), Failure> {
+    let settings = args.settings.load()?;
+    let log = Log::open(&args.log, settings.system)?;
+    let mut streams = [Stream::default(); SampleKind::ALL.len()];
+    let mut messages: BTreeMap<(u8, u8, u32), (String, u64)> = BTreeMap::new();
+    let mut truth = false;
+    let mut span: Option<(ApTime, ApTime)> = None;
+    let summary = log.play(
+        |frame, _| {
+            let entry = messages
+                .entry((frame.system().0, frame.component().0, frame.message_id()))
+                .or_insert_with(|| (name_of(frame), 0));
+            entry.1 += 1;
+        },
+        |_, item| {
+            let time = match item {
+                Item::Sample(s) => {
+                    if !matches!(s, Sample::Gnss(g) if g.position.is_none()) {
+                        streams[s.kind() as usize].note(s.time());
+                    }
+                    s.time()
+                }
+                Item::Reference(r) => {
+                    truth |= matches!(r, Reference::Truth(t) if t.position.is_some());
+                    r.time()
+                }
+                _ => return,
+            };
+            span = Some(span.map_or((time, time), |(a, b)| (a, b.max(time))));
+        },
+    )?;
+    let duration_s = span.map_or(0.0, |(a, b)| b.seconds_since(a));
+    let heard: [u64; SampleKind::ALL.len()] = std::array::from_fn(|i| streams[i].n);
+    let report = InspectReport {
+        log: args.log.display().to_string(),
+        duration_s,
+        autopilot: log.vehicle().autopilot.to_string(),
+        system: log.vehicle().system.0,
+        frames: summary.frames,
+        skipped_bytes: summary.skipped_bytes(),
+        bad_crc: summary.bad_crc(),
+        truncated: summary.truncated,
+        reboots: summary.reboots,
+        samples: SampleKind::ALL
+            .into_iter()
+            .map(|k| {
+                let s = &streams[k as usize];
+                StreamReport { kind: k.label(), count: s.n, rate_hz: s.rate_hz(), longest_gap_s: s.longest_gap_s }
+            })
+            .collect(),
+        truth,
+        messages: messages
+            .into_iter()
+            .map(|((system, component, _), (message, count))| MessageReport { system, component, message, count })
+            .collect(),
+        can: abilities(&heard, truth),
+        lacks: lacking(&heard, duration_s),
+    };
+    if args.json {
+        let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
+        println!("{text}");
+    } else {
+        print_report(&report, &summary);
+    }
+    Ok(())
+}
+
+fn name_of(frame: &crate::wire::frame::Frame<'_>) -> String {
+    mavlink::dialects::ardupilotmega::MavMessage::default_message_from_id(frame.message_id())
+        .map_or_else(|| format!("unknown ({})", frame.message_id()), |m| m.message_name().to_owned())
+}
+
+fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool) -> Vec<String> {
+    let has = |k: SampleKind| heard[k as usize] > 0;
+    let mut can = Vec::new();
+    can.push(match (has(SampleKind::Mag), has(SampleKind::Flow)) {
+        (true, _) => "heading from the magnetometer".to_owned(),
+        (false, true) => "heading from optical flow against GNSS, while moving (no magnetometer)".to_owned(),
+        (false, false) => "no heading: neither magnetometer nor optical flow, so it cannot align".to_owned(),
+    });
+    can.push(match (has(SampleKind::Flow), has(SampleKind::Range)) {
+        (true, true) => "holdover on optical flow, its height from the rangefinder".to_owned(),
+        (true, false) => "holdover on optical flow, its height from the altimeter".to_owned(),
+        (false, _) => "holdover by inertial coasting only: no optical flow".to_owned(),
+    });
+    if !has(SampleKind::Pressure) {
+        can.push("height from GNSS and inertia only: no barometer".to_owned());
+    }
+    can.push(if truth {
+        "score against the simulator's truth".to_owned()
+    } else {
+        "score against GNSS (no truth in this log)".to_owned()
+    });
+    can
+}
+
+fn print_report(r: &InspectReport, summary: &crate::replay::log::LogSummary) {
+    println!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, r.autopilot, r.system);
+    let rejects: Vec<String> = summary.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
+    let rejects = if rejects.is_empty() { "nothing rejected".to_owned() } else { rejects.join(", ") };
+    println!("  {} frames; {rejects}", r.frames);
+    if r.truncated {
+        println!("  the log ends in the middle of a record");
+    }
+    if r.reboots > 0 {
+        println!("  the autopilot rebooted {} times", r.reboots);
+    }
+    println!("\nSamples");
+    let mut table = Table::new(&["", "count", "Hz", "longest gap s"]);
+    for s in r.samples.iter().filter(|s| s.count > 0) {
+        let rate = super::table::number(s.rate_hz, 1);
+        table.row(vec![s.kind.into(), s.count.to_string(), rate, format!("{:.2}", s.longest_gap_s)]);
+    }
+    table.print();
+    println!("\nWhat Holdover can do with it");
+    match &r.lacks {
+        Some(reason) => println!("  nothing: {reason}"),
+        None => r.can.iter().for_each(|c| println!("  {c}")),
+    }
+    println!("\nMessages");
+    let mut table = Table::new(&["message", "system", "component", "count"]);
+    for m in &r.messages {
+        table.row(vec![m.message.clone(), m.system.to_string(), m.component.to_string(), m.count.to_string()]);
+    }
+    table.print();
+}

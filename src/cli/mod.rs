@@ -1,0 +1,122 @@
+//! The command line: one file a subcommand, and the exit codes.
+
+pub mod check;
+pub mod evaluate;
+pub mod inspect;
+pub mod replay;
+mod table;
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::config::{ConfigError, Settings, Sources};
+use crate::replay::log::LogError;
+
+/// Keeps a drone navigating when GNSS drops.
+#[derive(Debug, Parser)]
+#[command(name = "holdover", version, about, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong command line or configuration, \
+3 a log cannot be read, 4 a log lacks what is needed, 5 a link cannot be opened";
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Fly a log again: what Holdover would have done
+    Replay(replay::ReplayArgs),
+    /// Slide outages over logs and tabulate the drift
+    Evaluate(evaluate::EvaluateArgs),
+    /// What is in a log, and what Holdover can do with it
+    Inspect(inspect::InspectArgs),
+    /// Check the configuration and show what is in force
+    Check(check::CheckArgs),
+}
+
+/// Where the settings come from.
+#[derive(Clone, Debug, Default, Args)]
+pub struct ConfigArgs {
+    /// Configuration file (TOML); may be given several times, later ones override
+    #[arg(long, short, value_name = "FILE")]
+    pub config: Vec<PathBuf>,
+    /// Override one key, as in --set outbound.rate_hz=50; may be given several times
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+impl ConfigArgs {
+    /// Loads the settings from files, environment and overrides.
+    ///
+    /// # Errors
+    /// [`Failure::Config`].
+    pub fn load(&self) -> Result<Settings, Failure> {
+        let sources =
+            Sources { files: self.config.clone(), environment: environment(), overrides: self.set.clone() };
+        Settings::load(&sources).map_err(Failure::Config)
+    }
+}
+
+/// Variables that are text; others cannot be ours.
+fn environment() -> Vec<(String, String)> {
+    std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v.into_string().ok()?))).collect()
+}
+
+/// Why a command ended early; each kind has its exit code.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// The configuration is wrong.
+    #[error("{0}")]
+    Config(ConfigError),
+    /// An argument is wrong.
+    #[error("{0}")]
+    Usage(String),
+    /// A log cannot be read.
+    #[error("{0}")]
+    Log(#[from] LogError),
+    /// A log (or vehicle) lacks what is needed.
+    #[error("{0}")]
+    Lacking(String),
+    /// A link cannot be opened.
+    #[error("{0}")]
+    Link(String),
+    /// Anything else.
+    #[error("{0}")]
+    Other(String),
+}
+
+impl Failure {
+    /// The process's exit code.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Failure::Other(_) => 1,
+            Failure::Config(_) | Failure::Usage(_) => 2,
+            Failure::Log(_) => 3,
+            Failure::Lacking(_) => 4,
+            Failure::Link(_) => 5,
+        }
+    }
+}
+
+impl From<std::io::Error> for Failure {
+    fn from(e: std::io::Error) -> Self {
+        Failure::Other(e.to_string())
+    }
+}
+
+/// Runs a command; what it prints goes to standard output.
+///
+/// # Errors
+/// [`Failure`], which knows its exit code.
+pub fn run(cli: Cli) -> Result<(), Failure> {
+    match cli.command {
+        Command::Replay(args) => replay::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Check(args) => check::run(&args),
+    }
+}

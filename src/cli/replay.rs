@@ -1,0 +1,301 @@
+//! `holdover replay`: fly a log again.
+
+use std::fs::{self, File};
+use std::io::{BufWriter, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use crate::geo::so3::Euler;
+use crate::metrics::AidedReport;
+use crate::metrics::outage::OutageReport;
+use crate::navigator::settings::Estimator;
+use crate::navigator::solution::Solution;
+use crate::replay::log::{Log, LogSummary};
+use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
+use crate::sample::SampleKind;
+use crate::time::Span;
+use crate::wire::companion_clock::CompanionClock;
+use crate::wire::decode::Item;
+
+use super::inspect::lacking;
+use super::table::{Table, number};
+use super::{ConfigArgs, Failure};
+
+/// Arguments of `replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// Telemetry log (.tlog)
+    pub log: PathBuf,
+    /// Withhold GNSS from A to B, seconds since the first sample, as in 600..1200; may be given several times
+    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
+    pub outage: Vec<(f64, f64)>,
+    /// What navigates: shipped, nlo, nlo_printed or inertial
+    #[arg(long)]
+    pub estimator: Option<String>,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+    /// Write solution.csv into this folder
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Settings
+    #[command(flatten)]
+    pub settings: ConfigArgs,
+}
+
+/// `A..B` with 0 ≤ A < B.
+///
+/// # Errors
+/// What is wrong with the text.
+pub fn parse_interval(text: &str) -> Result<(f64, f64), String> {
+    let wrong = || format!("\"{text}\" is not an interval: expected A..B in seconds with 0 <= A < B");
+    let (a, b) = text.split_once("..").ok_or_else(wrong)?;
+    let (a, b): (f64, f64) =
+        (a.trim().parse().map_err(|_| wrong())?, b.trim().parse().map_err(|_| wrong())?);
+    if a >= 0.0 && a < b && b.is_finite() { Ok((a, b)) } else { Err(wrong()) }
+}
+
+/// The JSON of `replay --json`.
+#[derive(Debug, Serialize)]
+pub struct ReplayReport {
+    /// The file.
+    pub log: String,
+    /// Duration from the first to the last sample, s.
+    pub duration_s: f64,
+    /// Frames with a good checksum.
+    pub frames: u64,
+    /// Bytes that belong to no frame.
+    pub skipped_bytes: u64,
+    /// Damaged frames.
+    pub bad_crc: u64,
+    /// What was compared with.
+    pub reference: ReferenceKind,
+    /// What navigated.
+    pub estimator: &'static str,
+    /// Errors with GNSS.
+    pub aided: AidedReport,
+    /// Outages.
+    pub outages: Vec<OutageReport>,
+    /// Modes.
+    pub modes: Vec<ModeChange>,
+    /// Log time over computing time, reading included.
+    pub realtime_factor: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`].
+pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
+    let mut settings_args = args.settings.clone();
+    if let Some(name) = &args.estimator {
+        settings_args.set.push(format!("observer.estimator={name}"));
+    }
+    let settings = settings_args.load()?;
+    let log = Log::open(&args.log, settings.system)?;
+    let mut csv = args.out.as_deref().map(SolutionCsv::create).transpose()?;
+    let bar = progress_bar(log.bytes(), args.json);
+    let clock = CompanionClock::new();
+    let begun = clock.now();
+    let (runner, summary) = runner::run(
+        &log,
+        &settings.pipeline,
+        &args.outage,
+        |position| bar.set_position(position),
+        |runner, item, _| {
+            if let Some(csv) = &mut csv {
+                csv.note(runner, item);
+            }
+        },
+    )?;
+    bar.finish_and_clear();
+    let computing_s = clock.now().seconds_since(begun).max(1e-6);
+    if let Some(csv) = csv {
+        csv.finish()?;
+    }
+    let outcome = runner.outcome();
+    if let Some(reason) = lacking(&outcome.heard, outcome.duration_s) {
+        return Err(Failure::Lacking(format!("{}: {reason}", args.log.display())));
+    }
+    let report = ReplayReport {
+        log: args.log.display().to_string(),
+        duration_s: outcome.duration_s,
+        frames: summary.frames,
+        skipped_bytes: summary.skipped_bytes(),
+        bad_crc: summary.bad_crc(),
+        reference: outcome.reference,
+        estimator: settings.pipeline.navigator.estimator.label(),
+        aided: outcome.aided,
+        outages: outcome.outages.clone(),
+        modes: outcome.modes.clone(),
+        realtime_factor: outcome.duration_s / computing_s,
+    };
+    if args.json {
+        let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
+        println!("{text}");
+    } else {
+        print_report(&report, &log, &runner, &summary, &outcome, settings.pipeline.navigator.estimator);
+    }
+    Ok(())
+}
+
+fn progress_bar(bytes: u64, json: bool) -> ProgressBar {
+    if json || !std::io::stderr().is_terminal() || bytes < 1 << 20 {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{bar:40} {percent}% {bytes}/{total_bytes} {eta}");
+    ProgressBar::new(bytes).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+fn print_report(
+    r: &ReplayReport,
+    log: &Log,
+    runner: &Runner,
+    summary: &LogSummary,
+    outcome: &Outcome,
+    estimator: Estimator,
+) {
+    let vehicle = log.vehicle();
+    println!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, vehicle.autopilot, vehicle.system.0);
+    println!("  {} frames, {:.0} times real time, estimator {}", r.frames, r.realtime_factor, estimator.label());
+    let rejects: Vec<String> = summary.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
+    if !rejects.is_empty() {
+        println!("  not used: {}", rejects.join(", "));
+    }
+    if summary.truncated {
+        println!("  the log ends in the middle of a record");
+    }
+    if summary.reboots > 0 {
+        println!("  the autopilot rebooted {} times", summary.reboots);
+    }
+    println!("\nSamples");
+    let mut table = Table::new(&["", "heard", "used", "rejected"]);
+    for kind in SampleKind::ALL {
+        let heard = outcome.heard[kind as usize];
+        if heard == 0 {
+            continue;
+        }
+        let tally = runner.pipeline.navigator.tally();
+        let why: Vec<String> = tally.rejected(kind).map(|(reason, n)| format!("{n} {}", reason.label())).collect();
+        table.row(vec![kind.label().into(), heard.to_string(), tally.used(kind).to_string(), why.join(", ")]);
+    }
+    table.print();
+
+    println!("\nWhat happened");
+    for (t, event) in &outcome.events {
+        println!("  {t:8.1} s  {}", event.what);
+    }
+    for (id, calibration, trust) in runner.pipeline.navigator.flow_sensors() {
+        let x = calibration.estimate();
+        println!(
+            "  flow {id}: bias {:+.2} {:+.2} m/s, scale {:+.1} %, turned {:+.1} deg: {}",
+            x[0],
+            x[1],
+            100.0 * x[2],
+            x[3].to_degrees(),
+            trust.map_or_else(|why| why.reason(), |()| "trusted")
+        );
+    }
+    let (latency, sigma) = runner.pipeline.navigator.gnss_latency_s();
+    println!("  GNSS latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
+
+    let against = match r.reference {
+        ReferenceKind::Truth => "the simulator's truth",
+        ReferenceKind::Gnss => "GNSS",
+    };
+    println!("\nWith GNSS, root mean square against {against}");
+    let a = &r.aided;
+    println!(
+        "  position {} m, velocity {} m/s, altitude {} m, roll/pitch/yaw {}/{}/{} deg",
+        number(a.position_rmse_m, 2),
+        number(a.velocity_rmse_mps, 2),
+        number(a.altitude_rmse_m, 2),
+        number(a.roll_rmse_deg, 2),
+        number(a.pitch_rmse_deg, 2),
+        number(a.yaw_rmse_deg, 2)
+    );
+    if !r.outages.is_empty() {
+        println!("\nOutages, against {against}");
+        let mut table =
+            Table::new(&["from..to s", "distance m", "error m", "max m", "drift %", "sigma m", "altitude m", "sent"]);
+        for o in &r.outages {
+            table.row(vec![
+                format!("{}..{}", o.start_s, o.end_s),
+                number(o.distance_m, 0),
+                number(o.horizontal_error_end_m, 1),
+                number(o.horizontal_error_max_m, 1),
+                number(o.drift_percent, 2),
+                number(o.sigma_end_m, 1),
+                number(o.altitude_rmse_m, 2),
+                o.sent_messages.to_string(),
+            ]);
+        }
+        table.print();
+    }
+}
+
+/// The solution at 20 Hz as comma-separated values.
+struct SolutionCsv {
+    file: BufWriter<File>,
+    failed: Option<std::io::Error>,
+    due: Option<crate::time::ApTime>,
+}
+
+const CSV_PERIOD: Span = Span::from_millis(50);
+
+impl SolutionCsv {
+    fn create(dir: &Path) -> Result<Self, Failure> {
+        let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", dir.display()));
+        fs::create_dir_all(dir).map_err(named)?;
+        let mut file = BufWriter::new(File::create(dir.join("solution.csv")).map_err(named)?);
+        writeln!(
+            file,
+            "t_s,mode,carrier,north_m,east_m,down_m,velocity_north_mps,velocity_east_mps,velocity_down_mps,\
+             roll_deg,pitch_deg,yaw_deg,sigma_horizontal_m,sigma_down_m,reset_counter"
+        )?;
+        Ok(Self { file, failed: None, due: None })
+    }
+
+    fn note(&mut self, runner: &Runner, item: &Item) {
+        let (Item::Sample(crate::sample::Sample::Imu(_)), Some(s)) = (item, runner.solution()) else { return };
+        if self.failed.is_some() || self.due.is_some_and(|due| s.time < due) {
+            return;
+        }
+        self.due = Some(s.time + CSV_PERIOD);
+        self.failed = self.write(runner, s).err();
+    }
+
+    fn write(&mut self, runner: &Runner, s: &Solution) -> std::io::Result<()> {
+        let e = Euler::from_rotation(&s.r_body_to_ned);
+        let (p, v) = (&s.position_ned, &s.velocity_ned);
+        writeln!(
+            self.file,
+            "{:.6},{},{:?},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.3},{:.3},{}",
+            runner.seconds(s.time),
+            s.mode.label(),
+            s.carrier,
+            p.x,
+            p.y,
+            p.z,
+            v.x,
+            v.y,
+            v.z,
+            e.roll_rad.to_degrees(),
+            e.pitch_rad.to_degrees(),
+            e.yaw_rad.to_degrees(),
+            s.horizontal_sigma_m(),
+            s.position_covariance[(2, 2)].max(0.0).sqrt(),
+            s.reset_counter
+        )
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        match self.failed {
+            Some(e) => Err(e.into()),
+            None => Ok(self.file.flush()?),
+        }
+    }
+}

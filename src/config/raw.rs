@@ -1,0 +1,359 @@
+//! The settings as they are written, and their validation into the types that the code works with.
+
+use serde::Deserialize;
+
+use crate::altimeter::HeightSettings;
+use crate::camera::calibration::CalibrationSettings;
+use crate::geo::so3::Euler;
+use crate::navigator::budget::BudgetSettings;
+use crate::navigator::settings::{
+    Estimator, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings, ObserverSettings, RejoinSettings,
+};
+use crate::navigator::trust::TrustSettings;
+use crate::outbound::{Carriage, OutboundSettings, Profile, Publish};
+use crate::wire::endpoint::Endpoint;
+use crate::wire::frame::SystemId;
+use nalgebra::Vector3;
+
+use super::error::{ConfigError, Problem};
+use super::{LinkSettings, PipelineSettings, Settings, StreamSettings};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Raw {
+    vehicle: Vehicle,
+    link: Link,
+    streams: Streams,
+    imu: Imu,
+    magnetometer: Magnetometer,
+    gnss: Gnss,
+    flow: Flow,
+    range: Range,
+    height: Height,
+    observer: Observer,
+    holdover: Holdover,
+    rejoin: Rejoin,
+    outbound: Outbound,
+    log: Log,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Vehicle {
+    system_id: u8,
+    profile: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Link {
+    endpoints: Vec<String>,
+    peer_timeout_s: f64,
+    reconnect_min_ms: u64,
+    reconnect_max_ms: u64,
+    queue_frames: usize,
+    stale_output_ms: u64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Streams {
+    request: bool,
+    imu_hz: f64,
+    gnss_hz: f64,
+    pressure_hz: f64,
+    flow_hz: f64,
+    range_hz: f64,
+    local_position_hz: f64,
+    slow_hz: f64,
+    retries: u8,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Imu {
+    max_gap_ms: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Magnetometer {
+    r#use: bool,
+    max_norm_error: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Gnss {
+    delay_ms: f64,
+    delay_sigma_ms: f64,
+    loss_s: f64,
+    recover_s: f64,
+    recover_far_s: f64,
+    min_satellites: u8,
+    max_horizontal_accuracy_m: f64,
+    gate_sigma: f64,
+    min_position_gate_m: f64,
+    min_velocity_gate_mps: f64,
+    consistency_window_s: f64,
+    consistency_limit_m: f64,
+    consistency_rate_mps: f64,
+    default_accuracy_m: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Flow {
+    r#use: bool,
+    delay_ms: f64,
+    min_quality: f64,
+    rate_noise_radps: f64,
+    max_tilt_deg: f64,
+    min_height_m: f64,
+    mount_roll_deg: f64,
+    mount_pitch_deg: f64,
+    mount_yaw_deg: f64,
+    lever_arm_x_m: f64,
+    lever_arm_y_m: f64,
+    lever_arm_z_m: f64,
+    bias_sigma_mps: f64,
+    scale_sigma: f64,
+    misalignment_sigma_deg: f64,
+    bias_walk: f64,
+    scale_walk: f64,
+    max_scale_error: f64,
+    max_bias_mps: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Range {
+    max_age_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Height {
+    accel_noise: f64,
+    accel_bias_walk: f64,
+    baro_noise_m: f64,
+    baro_offset_walk: f64,
+    gnss_noise_m: f64,
+    gate_sigma: f64,
+    baro_relock_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Observer {
+    estimator: Estimator,
+    k_p: f64,
+    k_i: f64,
+    holdover_k_p_factor: f64,
+    holdover_k_vv: f64,
+    holdover_k_xv: f64,
+    guard: f64,
+    aligned_injection: f64,
+    aligned_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Holdover {
+    max_sigma_m: f64,
+    max_coast_s: f64,
+    heading_sigma_deg: f64,
+    heading_drift_dpm: f64,
+    scale_wander: f64,
+    height_scale_sigma: f64,
+    velocity_sigma_mps: f64,
+    tilt_sigma_deg: f64,
+    gyro_bias_sigma_dpm: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Rejoin {
+    glide_mps: f64,
+    jump_m: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Outbound {
+    publish: Publish,
+    message: Carriage,
+    rate_hz: f64,
+    farewell_s: f64,
+    statustext: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Log {
+    level: String,
+}
+
+/// Degrees a minute in radians a second.
+fn dpm(v: f64) -> f64 {
+    v.to_radians() / 60.0
+}
+
+impl Raw {
+    pub(super) fn validate(self) -> Result<Settings, ConfigError> {
+        let mut problems = Vec::new();
+        let mut complain = |key: &str, what: String| {
+            problems.push(Problem { source: "settings".into(), key: key.into(), what });
+        };
+        let mut endpoints = Vec::new();
+        for text in &self.link.endpoints {
+            match text.parse::<Endpoint>() {
+                Ok(e) => endpoints.push(e),
+                Err(e) => complain("link.endpoints", e.to_string()),
+            }
+        }
+        if self.link.reconnect_min_ms > self.link.reconnect_max_ms {
+            complain("link.reconnect_min_ms", "is greater than link.reconnect_max_ms".into());
+        }
+        if self.gnss.recover_far_s < self.gnss.recover_s {
+            complain("gnss.recover_far_s", "is less than gnss.recover_s".into());
+        }
+        let profile = match self.vehicle.profile.as_str() {
+            "auto" => None,
+            other => other.parse::<Profile>().map_err(|e| complain("vehicle.profile", e)).ok(),
+        };
+        if !problems.is_empty() {
+            return Err(ConfigError { problems });
+        }
+        let outbound = OutboundSettings {
+            publish: self.outbound.publish,
+            carriage: self.outbound.message,
+            profile: profile.unwrap_or(Profile::Ardupilot),
+            rate_hz: self.outbound.rate_hz,
+            worst_sigma_m: self.holdover.max_sigma_m,
+            farewell_s: self.outbound.farewell_s,
+        };
+        Ok(Settings {
+            system: (self.vehicle.system_id != 0).then_some(SystemId(self.vehicle.system_id)),
+            endpoints,
+            link: LinkSettings {
+                peer_timeout_s: self.link.peer_timeout_s,
+                reconnect_min_ms: self.link.reconnect_min_ms,
+                reconnect_max_ms: self.link.reconnect_max_ms,
+                queue_frames: self.link.queue_frames,
+                stale_output_ms: self.link.stale_output_ms,
+            },
+            streams: StreamSettings {
+                request: self.streams.request,
+                imu_hz: self.streams.imu_hz,
+                gnss_hz: self.streams.gnss_hz,
+                pressure_hz: self.streams.pressure_hz,
+                flow_hz: self.streams.flow_hz,
+                range_hz: self.streams.range_hz,
+                local_position_hz: self.streams.local_position_hz,
+                slow_hz: self.streams.slow_hz,
+                retries: self.streams.retries,
+            },
+            statustext: self.outbound.statustext,
+            log_level: self.log.level.clone(),
+            pipeline: PipelineSettings { navigator: self.navigator(), outbound, profile },
+        })
+    }
+
+    fn navigator(&self) -> NavigatorSettings {
+        let (g, o, h) = (&self.gnss, &self.observer, &self.height);
+        NavigatorSettings {
+            estimator: o.estimator,
+            imu_max_gap_s: self.imu.max_gap_ms * 1e-3,
+            magnetometer: self.magnetometer.r#use,
+            magnetometer_norm_error: self.magnetometer.max_norm_error,
+            gnss: GnssSettings {
+                delay_s: g.delay_ms * 1e-3,
+                delay_sigma_s: g.delay_sigma_ms * 1e-3,
+                default_accuracy_m: g.default_accuracy_m,
+                trust: TrustSettings {
+                    loss_s: g.loss_s,
+                    recover_s: g.recover_s,
+                    recover_far_s: g.recover_far_s,
+                    min_satellites: g.min_satellites,
+                    max_horizontal_accuracy_m: g.max_horizontal_accuracy_m,
+                    gate_sigma: g.gate_sigma,
+                    min_position_gate_m: g.min_position_gate_m,
+                    min_velocity_gate_mps: g.min_velocity_gate_mps,
+                    consistency_window_s: g.consistency_window_s,
+                    consistency_limit_m: g.consistency_limit_m,
+                    consistency_rate_mps: g.consistency_rate_mps,
+                },
+            },
+            flow: self.flow(),
+            range_max_age_s: self.range.max_age_s,
+            height: HeightSettings {
+                accel_noise: h.accel_noise,
+                accel_bias_walk: h.accel_bias_walk,
+                baro_noise_m: h.baro_noise_m,
+                baro_offset_walk: h.baro_offset_walk,
+                gnss_noise_m: h.gnss_noise_m,
+                gate_sigma: h.gate_sigma,
+                baro_relock_s: h.baro_relock_s,
+            },
+            observer: ObserverSettings {
+                k_p: o.k_p,
+                k_i: o.k_i,
+                holdover_k_p_factor: o.holdover_k_p_factor,
+                holdover_k_vv: o.holdover_k_vv,
+                holdover_k_xv: o.holdover_k_xv,
+                guard: o.guard,
+                aligned_injection: o.aligned_injection,
+                aligned_s: o.aligned_s,
+            },
+            holdover: self.holdover(),
+            rejoin: RejoinSettings { glide_mps: self.rejoin.glide_mps, jump_m: self.rejoin.jump_m },
+        }
+    }
+
+    fn flow(&self) -> FlowSettings {
+        let f = &self.flow;
+        let mounting = Euler {
+            roll_rad: f.mount_roll_deg.to_radians(),
+            pitch_rad: f.mount_pitch_deg.to_radians(),
+            yaw_rad: f.mount_yaw_deg.to_radians(),
+        };
+        FlowSettings {
+            enabled: f.r#use,
+            delay_s: f.delay_ms * 1e-3,
+            min_quality: f.min_quality,
+            rate_noise_radps: f.rate_noise_radps,
+            max_tilt_rad: f.max_tilt_deg.to_radians(),
+            min_height_m: f.min_height_m,
+            // The angles turn the body axes into the camera's; the matrix maps vectors the other way.
+            r_body_to_camera: mounting.to_rotation().transpose(),
+            lever_arm_body_m: Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m),
+            calibration: CalibrationSettings {
+                bias_sigma_mps: f.bias_sigma_mps,
+                scale_sigma: f.scale_sigma,
+                misalignment_sigma_rad: f.misalignment_sigma_deg.to_radians(),
+                bias_walk: f.bias_walk,
+                scale_walk: f.scale_walk,
+                max_scale_error: f.max_scale_error,
+                max_bias_mps: f.max_bias_mps,
+            },
+        }
+    }
+
+    fn holdover(&self) -> HoldoverSettings {
+        let h = &self.holdover;
+        HoldoverSettings {
+            max_sigma_m: h.max_sigma_m,
+            max_coast_s: h.max_coast_s,
+            budget: BudgetSettings {
+                heading_sigma_rad: h.heading_sigma_deg.to_radians(),
+                heading_drift_radps: dpm(h.heading_drift_dpm),
+                scale_wander: h.scale_wander,
+                height_scale_sigma: h.height_scale_sigma,
+                velocity_sigma_mps: h.velocity_sigma_mps,
+                tilt_sigma_rad: h.tilt_sigma_deg.to_radians(),
+                gyro_bias_sigma_radps: dpm(h.gyro_bias_sigma_dpm),
+            },
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Items in, messages out: the part that live flight, replay and simulation share.
+
+use crate::geo::magnetic::decimal_year_from_unix_us;
+use crate::navigator::Navigator;
+use crate::navigator::settings::NavigatorSettings;
+use crate::navigator::solution::Solution;
+use crate::outbound::message::OutboundMessage;
+use crate::outbound::{Outbound, OutboundSettings, Profile};
+use crate::sample::Sample;
+use crate::wire::clock::{AutopilotClock, ClockEvent};
+use crate::wire::decode::{Dialect, Item};
+use crate::wire::protocol::identity::{AutopilotKind, Vehicle};
+
+/// Settings of one vehicle's navigation and output.
+#[derive(Clone, Copy, Debug)]
+pub struct PipelineSettings {
+    /// Navigator.
+    pub navigator: NavigatorSettings,
+    /// Output; its profile is replaced by the autopilot's unless `profile` says otherwise.
+    pub outbound: OutboundSettings,
+    /// A configured profile.
+    pub profile: Option<Profile>,
+}
+
+/// Navigator and output of one vehicle.
+#[derive(Clone, Debug)]
+pub struct Pipeline {
+    /// The navigator.
+    pub navigator: Navigator,
+    /// The output.
+    pub outbound: Outbound,
+    profile: Option<Profile>,
+    samples: u32,
+}
+
+/// IMU samples between two looks at the date.
+const DATE_EVERY: u32 = 2000;
+
+impl Pipeline {
+    /// A pipeline that has heard nothing.
+    pub fn new(settings: &PipelineSettings) -> Self {
+        Self {
+            navigator: Navigator::new(settings.navigator),
+            outbound: Outbound::new(settings.outbound),
+            profile: settings.profile,
+            samples: 0,
+        }
+    }
+
+    /// The vehicle is known: who is to be told what.
+    pub fn follow(&mut self, vehicle: &Vehicle) {
+        self.outbound.set_profile(self.profile.unwrap_or(match vehicle.autopilot {
+            AutopilotKind::Px4 => Profile::Px4,
+            AutopilotKind::ArduPilot | AutopilotKind::Other(_) => Profile::Ardupilot,
+        }));
+    }
+
+    /// Takes one decoded item and appends what is to be sent. Returns the new solution after an IMU sample.
+    pub fn take(&mut self, clock: &AutopilotClock, item: &Item, out: &mut Vec<OutboundMessage>) -> Option<Solution> {
+        match item {
+            Item::Sample(sample) => {
+                self.navigator.ingest(sample);
+                if !matches!(sample, Sample::Imu(_)) {
+                    return None;
+                }
+                if self.samples.is_multiple_of(DATE_EVERY)
+                    && let Some(unix) = clock.unix_seconds(sample.time())
+                {
+                    self.navigator.set_date(decimal_year_from_unix_us((unix * 1e6) as i64));
+                }
+                self.samples = self.samples.wrapping_add(1);
+                let solution = self.navigator.solution()?;
+                self.outbound.step(&solution, out);
+                Some(solution)
+            }
+            Item::Reference(reference) => {
+                if let Some(solution) = self.navigator.solution() {
+                    self.outbound.reference(reference, &solution);
+                }
+                None
+            }
+            Item::Origin(origin) => {
+                if let Some(time) = clock.newest() {
+                    self.navigator.set_origin(time, *origin);
+                    self.outbound.origin_shared();
+                }
+                None
+            }
+            Item::Clock(ClockEvent::Reboot { after, .. }) => {
+                self.navigator.reboot(*after);
+                self.outbound.restart();
+                None
+            }
+            Item::Clock(ClockEvent::Gap(_)) => None,
+        }
+    }
+}
+
+/// How this vehicle's autopilot fills its messages.
+pub fn dialect_of(vehicle: &Vehicle) -> Dialect {
+    let ardupilot = vehicle.autopilot == AutopilotKind::ArduPilot;
+    Dialect { raw_imu_is_scaled: ardupilot, flow_comp_is_rate: ardupilot }
+}

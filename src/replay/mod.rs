@@ -1,0 +1,4 @@
+//! Logs: opening them, playing them through the pipeline, and scoring what came out.
+
+pub mod log;
+pub mod runner;

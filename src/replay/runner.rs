@@ -1,0 +1,274 @@
+//! A log through the pipeline, scored.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::metrics::outage::{OutageReport, OutageScore};
+use crate::metrics::{AidedErrors, AidedReport, ErrorSample, ReferenceState};
+use crate::navigator::event::{Event, What};
+use crate::navigator::solution::{Mode, Solution};
+use crate::outbound::message::OutboundMessage;
+use crate::pipeline::{Pipeline, PipelineSettings};
+use crate::sample::{GnssSample, Reference, Sample, SampleKind};
+use crate::time::{ApTime, Span};
+use crate::wire::clock::AutopilotClock;
+use crate::wire::decode::Item;
+
+use super::log::{Log, LogError, LogSummary};
+
+/// What the solution is compared with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ReferenceKind {
+    /// The simulator's truth.
+    Truth,
+    /// GNSS, masked or not.
+    Gnss,
+}
+
+/// A mode change.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ModeChange {
+    /// Seconds since the first sample.
+    pub t_s: f64,
+    /// The new mode.
+    pub mode: Mode,
+}
+
+/// Scores against one kind of reference.
+#[derive(Clone, Debug)]
+struct Score {
+    aided: AidedErrors,
+    outages: Vec<OutageScore>,
+    compared: u64,
+}
+
+/// A pipeline that is fed from a log, with outages made by masking GNSS.
+#[derive(Clone, Debug)]
+pub struct Runner {
+    /// What is run.
+    pub pipeline: Pipeline,
+    start: Option<ApTime>,
+    end: Option<ApTime>,
+    outages: Vec<OutageScore>,
+    truth: Score,
+    gnss: Score,
+    modes: Vec<ModeChange>,
+    events: Vec<(f64, Event)>,
+    heard: [u64; SampleKind::ALL.len()],
+    sent: Vec<OutboundMessage>,
+    solution: Option<Solution>,
+}
+
+/// What came of a replay.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Duration from the first to the last sample, s.
+    pub duration_s: f64,
+    /// What was compared with.
+    pub reference: ReferenceKind,
+    /// Errors with GNSS.
+    pub aided: AidedReport,
+    /// Outages.
+    pub outages: Vec<OutageReport>,
+    /// Horizontal error at each outage's start, m.
+    pub start_errors_m: Vec<Option<f64>>,
+    /// Modes.
+    pub modes: Vec<ModeChange>,
+    /// Events with their time, s.
+    pub events: Vec<(f64, Event)>,
+    /// Samples heard by kind.
+    pub heard: [u64; SampleKind::ALL.len()],
+}
+
+impl Runner {
+    /// A runner with outages (start, end) in seconds since the first sample.
+    pub fn new(settings: &PipelineSettings, outages: &[(f64, f64)]) -> Self {
+        let outages: Vec<_> = outages.iter().map(|&(a, b)| OutageScore::new(a, b)).collect();
+        let score = Score { aided: AidedErrors::default(), outages: outages.clone(), compared: 0 };
+        Self {
+            pipeline: Pipeline::new(settings),
+            start: None,
+            end: None,
+            outages,
+            truth: score.clone(),
+            gnss: score,
+            modes: Vec::new(),
+            events: Vec::new(),
+            heard: [0; SampleKind::ALL.len()],
+            sent: Vec::with_capacity(4),
+            solution: None,
+        }
+    }
+
+    /// Seconds since the first sample.
+    pub fn seconds(&self, time: ApTime) -> f64 {
+        self.start.map_or(0.0, |s| time.seconds_since(s))
+    }
+
+    /// The newest solution.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.solution.as_ref()
+    }
+
+    /// Adds an outage on the way (its start must lie ahead of what was taken).
+    pub fn add_outage(&mut self, start_s: f64, end_s: f64) {
+        let outage = OutageScore::new(start_s, end_s);
+        self.outages.push(outage.clone());
+        self.truth.outages.push(outage.clone());
+        self.gnss.outages.push(outage);
+    }
+
+    /// Forgets everything but the state of the navigation, so that a copy costs little.
+    pub fn fork(&self) -> Self {
+        let mut fork = self.clone();
+        fork.modes.clear();
+        fork.events.clear();
+        fork
+    }
+
+    /// Takes one item of the log. Returns what was sent because of it.
+    pub fn take(&mut self, clock: &AutopilotClock, item: &Item) -> &[OutboundMessage] {
+        self.sent.clear();
+        let time = match item {
+            Item::Sample(s) => s.time(),
+            Item::Reference(r) => r.time(),
+            Item::Origin(_) | Item::Clock(_) => {
+                let mut sent = std::mem::take(&mut self.sent);
+                self.pipeline.take(clock, item, &mut sent);
+                self.sent = sent;
+                self.note_events();
+                return &self.sent;
+            }
+        };
+        self.start.get_or_insert(time);
+        self.end = self.end.max(Some(time));
+        let t = self.seconds(time);
+        if let Item::Sample(sample) = item {
+            self.heard[sample.kind() as usize] += 1;
+        }
+        let in_outage = self.outages.iter().any(|o| o.contains(t));
+        if let Item::Sample(Sample::Gnss(fix)) = item {
+            // The masked fix is compared with, and never used.
+            self.compare_with_gnss(fix, t);
+            if in_outage {
+                self.pipeline.navigator.mask_gnss(time);
+                return &self.sent;
+            }
+        }
+        let mut sent = std::mem::take(&mut self.sent);
+        if let Some(solution) = self.pipeline.take(clock, item, &mut sent) {
+            self.solution = Some(solution);
+        }
+        self.sent = sent;
+        if !self.sent.is_empty() {
+            for outages in [&mut self.truth.outages, &mut self.gnss.outages] {
+                for o in outages.iter_mut().filter(|o| o.contains(t)) {
+                    o.sent_messages += self.sent.len() as u64;
+                }
+            }
+        }
+        if let Item::Reference(Reference::Truth(truth)) = item
+            && let (Some(frame), Some(solution)) = (self.pipeline.navigator.frame(), &self.solution)
+            && let Some(state) = ReferenceState::from_truth(truth, frame)
+        {
+            self.truth.add(solution, &state, t);
+        }
+        self.note_events();
+        &self.sent
+    }
+
+    fn compare_with_gnss(&mut self, fix: &GnssSample, t: f64) {
+        let (Some(position), Some(frame), Some(solution)) =
+            (fix.position, self.pipeline.navigator.frame(), &self.solution)
+        else {
+            return;
+        };
+        let velocity_ned = fix.ground_velocity.map(|g| {
+            let (north, east) = g.north_east();
+            Vector3::new(north, east, f64::NAN)
+        });
+        let (latency, _) = self.pipeline.navigator.gnss_latency_s();
+        let state = ReferenceState {
+            time: fix.time - Span::from_seconds(latency),
+            position_ned: frame.to_ned(&position),
+            velocity_ned,
+            r_body_to_ned: None,
+        };
+        self.gnss.add(solution, &state, t);
+    }
+
+    fn note_events(&mut self) {
+        if !self.pipeline.navigator.has_events() {
+            return;
+        }
+        let start = self.start;
+        for event in self.pipeline.navigator.drain_events() {
+            let t_s = start.map_or(0.0, |s| event.time.seconds_since(s));
+            if let What::Mode { to, .. } = event.what {
+                self.modes.push(ModeChange { t_s, mode: to });
+            }
+            self.events.push((t_s, event));
+        }
+    }
+
+    /// Scores so far.
+    pub fn outcome(&self) -> Outcome {
+        let (reference, score) = if self.truth.compared > 0 {
+            (ReferenceKind::Truth, &self.truth)
+        } else {
+            (ReferenceKind::Gnss, &self.gnss)
+        };
+        Outcome {
+            duration_s: self.end.map_or(0.0, |e| self.seconds(e)),
+            reference,
+            aided: score.aided.report(),
+            outages: score.outages.iter().map(OutageScore::report).collect(),
+            start_errors_m: score.outages.iter().map(OutageScore::start_error_m).collect(),
+            modes: self.modes.clone(),
+            events: self.events.clone(),
+            heard: self.heard,
+        }
+    }
+}
+
+impl Score {
+    fn add(&mut self, solution: &Solution, reference: &ReferenceState, t: f64) {
+        // A solution is one as soon as there is a mode that claims it.
+        if solution.mode == Mode::Aligning || reference.time.seconds_since(solution.time).abs() > 1.0 {
+            return;
+        }
+        self.compared += 1;
+        let mut out = false;
+        for o in self.outages.iter_mut().filter(|o| o.contains(t)) {
+            o.add(solution, reference);
+            out = true;
+        }
+        if !out && solution.mode == Mode::Aided {
+            self.aided.add(&ErrorSample::between(solution, reference));
+        }
+    }
+}
+
+/// Plays a whole log.
+///
+/// # Errors
+/// What reading it says.
+pub fn run(
+    log: &Log,
+    settings: &PipelineSettings,
+    outages: &[(f64, f64)],
+    mut progress: impl FnMut(u64),
+    mut watch: impl FnMut(&Runner, &Item, &[OutboundMessage]),
+) -> Result<(Runner, LogSummary), LogError> {
+    let mut runner = Runner::new(settings, outages);
+    runner.pipeline.follow(log.vehicle());
+    let summary = log.play(
+        |_, position| progress(position),
+        |clock, item| {
+            let sent = runner.take(clock, item).to_vec();
+            watch(&runner, item, &sent);
+        },
+    )?;
+    Ok((runner, summary))
+}
