@@ -1,4 +1,5 @@
 //! Holdover keeps a drone navigating when GNSS drops. See the README for the daemon, and the modules for the mathematics.
 
+pub mod geo;
 pub mod time;
 pub mod wire;

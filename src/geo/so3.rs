@@ -1,0 +1,284 @@
+//! The rotation group SO(3): exponential, logarithm, the nearest rotation, Euler angles, quaternions.
+//!
+//! A rotation `r_body_to_ned` maps body components to NED components: `v_ned = r_body_to_ned * v_body`.
+
+use nalgebra::{Matrix3, Vector3, Vector4};
+use std::f64::consts::PI;
+
+/// Euler angles of `r_body_to_ned = Rz(yaw) Ry(pitch) Rx(roll)` (ZYX, the aerospace convention; Fusini, Section II), radians.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Euler {
+    /// Roll φ in (−π, π].
+    pub roll_rad: f64,
+    /// Pitch θ in [−π/2, π/2].
+    pub pitch_rad: f64,
+    /// Yaw ψ in (−π, π], from true north, positive towards east.
+    pub yaw_rad: f64,
+}
+
+/// The skew matrix S(x) with S(x)y = x × y (Grip, Section I-B).
+pub fn hat(x: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(0.0, -x.z, x.y, x.z, 0.0, -x.x, -x.y, x.x, 0.0)
+}
+
+/// `vex(P_a(m))`: the vector whose [`hat`] is the skew-symmetric part of `m` (Grip, Section I-B). On a skew matrix it is the
+/// inverse of [`hat`].
+pub fn vex(m: &Matrix3<f64>) -> Vector3<f64> {
+    0.5 * Vector3::new(m.m32 - m.m23, m.m13 - m.m31, m.m21 - m.m12)
+}
+
+/// The rotation by the vector `phi` (axis times angle, rad): Exp(φ) = I + (sin θ/θ) S + ((1 − cos θ)/θ²) S², θ = |φ|
+/// (Rodrigues). Below 10⁻⁴ rad both factors come from their series, whose next terms are below 10⁻¹⁸.
+pub fn exp(phi: &Vector3<f64>) -> Matrix3<f64> {
+    let t2 = phi.norm_squared();
+    let (a, b) = if t2 < 1e-8 {
+        (1.0 - t2 / 6.0 + t2 * t2 / 120.0, 0.5 - t2 / 24.0 + t2 * t2 / 720.0)
+    } else {
+        let t = t2.sqrt();
+        let half = 0.5 * t;
+        // 1 − cos θ as 2 sin²(θ/2): no cancellation at small angles.
+        let s = half.sin() / half;
+        (t.sin() / t, 0.5 * s * s)
+    };
+    let s = hat(phi);
+    Matrix3::identity() + a * s + b * (s * s)
+}
+
+/// The rotation vector φ with |φ| ≤ π and `exp(φ) = r`, for `r` in SO(3). By way of the quaternion, so that it stays accurate
+/// near 0 and near π alike.
+pub fn log(r: &Matrix3<f64>) -> Vector3<f64> {
+    let q = to_quaternion(r);
+    let v = Vector3::new(q.y, q.z, q.w);
+    let n = v.norm();
+    if n < 1e-9 {
+        // w ≥ 0, hence near 1.
+        return 2.0 * v;
+    }
+    v * (2.0 * n.atan2(q.x) / n)
+}
+
+/// The rotation nearest to `m` in the Frobenius norm: the orthogonal polar factor, by Newton's iteration
+/// X ← (X + X⁻ᵀ)/2 (Higham, *SIAM J. Sci. Stat. Comput.* 7, 1986), quadratically convergent from any non-singular start.
+///
+/// The observers let their attitude matrix leave SO(3); this brings it back before angles are read off. `None` when `m` is not
+/// finite, is singular or nearly so, or has a negative determinant: then no rotation is meaningfully nearest.
+pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let scale = m.norm();
+    if !scale.is_finite() || scale < 1e-9 {
+        return None;
+    }
+    let mut x = m * (3f64.sqrt() / scale);
+    // 1 for a rotation at this scale; the smallest singular value is of this order, too.
+    if x.determinant() < 1e-6 {
+        return None;
+    }
+    for _ in 0..40 {
+        let cof = cofactors(&x);
+        // m · cof(m) of the first row is the determinant.
+        let det = x.m11 * cof.m11 + x.m12 * cof.m12 + x.m13 * cof.m13;
+        if !det.is_finite() || det < 1e-9 {
+            return None;
+        }
+        let next = 0.5 * (x + cof / det);
+        let change = (next - x).norm();
+        x = next;
+        if change < 1e-9 {
+            // The error is of the order of the square of the last change.
+            return Some(x);
+        }
+    }
+    None
+}
+
+/// Matrix of cofactors: `det(m) m⁻ᵀ`.
+fn cofactors(m: &Matrix3<f64>) -> Matrix3<f64> {
+    let (a, b, c) = (m.column(0), m.column(1), m.column(2));
+    Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
+}
+
+impl Euler {
+    /// Angles from roll, pitch and yaw in radians.
+    pub const fn new(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> Self {
+        Self { roll_rad, pitch_rad, yaw_rad }
+    }
+
+    /// The angles of a rotation `r_body_to_ned` in SO(3). At ±90° of pitch only roll ∓ yaw is defined: roll is then given as 0.
+    pub fn from_rotation(r_body_to_ned: &Matrix3<f64>) -> Self {
+        let r = r_body_to_ned;
+        let cos_pitch = r.m11.hypot(r.m21);
+        let pitch_rad = (-r.m31).atan2(cos_pitch);
+        if cos_pitch < 1e-9 {
+            return Self { roll_rad: 0.0, pitch_rad, yaw_rad: (-r.m12).atan2(r.m22) };
+        }
+        Self { roll_rad: r.m32.atan2(r.m33), pitch_rad, yaw_rad: r.m21.atan2(r.m11) }
+    }
+
+    /// The rotation `r_body_to_ned` with these angles.
+    pub fn to_rotation(self) -> Matrix3<f64> {
+        let (sr, cr) = self.roll_rad.sin_cos();
+        let (sp, cp) = self.pitch_rad.sin_cos();
+        let (sy, cy) = self.yaw_rad.sin_cos();
+        Matrix3::new(
+            cy * cp,
+            cy * sp * sr - sy * cr,
+            cy * sp * cr + sy * sr,
+            sy * cp,
+            sy * sp * sr + cy * cr,
+            sy * sp * cr - cy * sr,
+            -sp,
+            cp * sr,
+            cp * cr,
+        )
+    }
+}
+
+/// The unit quaternion [w, x, y, z] (Hamilton, the same mapping as `r`) of a rotation matrix, with w ≥ 0. The largest of the
+/// four components is computed first (Shepperd, *J. Guidance and Control* 1(3), 1978), so no division is ill-conditioned.
+///
+/// In the returned `Vector4` the *storage* order is [w, x, y, z]: nalgebra's accessor `.x` is the scalar part.
+pub fn to_quaternion(r: &Matrix3<f64>) -> Vector4<f64> {
+    let t = r.trace();
+    let q = if t >= r.m11 && t >= r.m22 && t >= r.m33 {
+        Vector4::new(1.0 + t, r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12)
+    } else if r.m11 >= r.m22 && r.m11 >= r.m33 {
+        Vector4::new(r.m32 - r.m23, 1.0 + r.m11 - r.m22 - r.m33, r.m12 + r.m21, r.m13 + r.m31)
+    } else if r.m22 >= r.m33 {
+        Vector4::new(r.m13 - r.m31, r.m12 + r.m21, 1.0 - r.m11 + r.m22 - r.m33, r.m23 + r.m32)
+    } else {
+        Vector4::new(r.m21 - r.m12, r.m13 + r.m31, r.m23 + r.m32, 1.0 - r.m11 - r.m22 + r.m33)
+    };
+    let n = q.norm();
+    // A rotation matrix has a component of at least 1/2, so n ≥ 1; anything else is no rotation and must not divide by zero.
+    let q = if n > 1e-6 && n.is_finite() { q / n } else { Vector4::new(1.0, 0.0, 0.0, 0.0) };
+    if q.x < 0.0 { -q } else { q }
+}
+
+/// The rotation matrix of a quaternion [w, x, y, z]; `None` when its norm is not within 10⁻³ of 1 (the wire carries `f32`).
+pub fn from_quaternion(q: &Vector4<f64>) -> Option<Matrix3<f64>> {
+    let n = q.norm();
+    if !n.is_finite() || (n - 1.0).abs() > 1e-3 {
+        return None;
+    }
+    let v = Vector3::new(q.y, q.z, q.w) / n;
+    let s = hat(&v);
+    Some(Matrix3::identity() + (2.0 * q.x / n) * s + 2.0 * (s * s))
+}
+
+/// The same angle in (−π, π]. A value that is not finite stays so.
+pub fn wrap_pi(angle_rad: f64) -> f64 {
+    let a = angle_rad - 2.0 * PI * ((angle_rad + PI) / (2.0 * PI)).floor();
+    if a <= -PI { a + 2.0 * PI } else { a }
+}
+
+/// The angle in [0, π] by which two rotations differ, rad.
+pub fn angle_between(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
+    log(&(a.transpose() * b)).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector(bound: f64) -> impl Strategy<Value = Vector3<f64>> {
+        [-bound..bound, -bound..bound, -bound..bound].prop_map(|[x, y, z]| Vector3::new(x, y, z))
+    }
+
+    proptest! {
+        #[test]
+        fn exp_is_a_rotation_and_log_inverts_it(phi in vector(1.8)) {
+            let r = exp(&phi);
+            prop_assert!((r.transpose() * r - Matrix3::identity()).norm() < 1e-14);
+            prop_assert!((r.determinant() - 1.0).abs() < 1e-14);
+            prop_assert!((log(&r) - phi).norm() < 1e-12);
+        }
+
+        #[test]
+        fn exp_commutes_with_a_change_of_frame(phi in vector(3.0), psi in vector(3.0)) {
+            let r = exp(&psi);
+            prop_assert!((exp(&(r * phi)) - r * exp(&phi) * r.transpose()).norm() < 1e-13);
+        }
+
+        #[test]
+        fn vex_inverts_hat_and_hat_is_the_cross_product(x in vector(9.0), y in vector(9.0)) {
+            prop_assert_eq!(vex(&hat(&x)), x);
+            prop_assert!((hat(&x) * y - x.cross(&y)).norm() < 1e-12);
+        }
+
+        #[test]
+        fn euler_angles_round_trip(roll in -3.1..3.1, pitch in -1.55..1.55, yaw in -3.1..3.1) {
+            let e = Euler::from_rotation(&Euler::new(roll, pitch, yaw).to_rotation());
+            prop_assert!((e.roll_rad - roll).abs() < 1e-10);
+            prop_assert!((e.pitch_rad - pitch).abs() < 1e-10);
+            prop_assert!((e.yaw_rad - yaw).abs() < 1e-10);
+        }
+
+        #[test]
+        fn quaternions_are_unit_with_a_positive_scalar(phi in vector(3.1)) {
+            let r = exp(&phi);
+            let q = to_quaternion(&r);
+            prop_assert!((q.norm() - 1.0).abs() < 1e-12 && q.x >= 0.0);
+            prop_assert!((from_quaternion(&q).unwrap() - r).norm() < 1e-13);
+        }
+
+        #[test]
+        fn the_nearest_rotation_is_the_polar_factor(phi in vector(3.0), d in vector(0.5), o in vector(0.5)) {
+            // m = r p with p symmetric positive definite: then r is the polar factor of m.
+            let p = Matrix3::new(1.7 + d.x, 0.5 * o.x, 0.5 * o.y, 0.5 * o.x, 1.7 + d.y, 0.5 * o.z, 0.5 * o.y, 0.5 * o.z, 1.7 + d.z);
+            let r = exp(&phi);
+            prop_assert!((nearest_rotation(&(r * p)).unwrap() - r).norm() < 1e-12);
+        }
+
+        #[test]
+        fn wrapped_angles_are_the_same_angle(a in -100.0..100.0f64) {
+            let w = wrap_pi(a);
+            prop_assert!(w > -PI && w <= PI);
+            prop_assert!((w.sin() - a.sin()).abs() < 1e-12 && (w.cos() - a.cos()).abs() < 1e-12);
+        }
+
+        #[test]
+        fn no_matrix_makes_the_nearest_rotation_misbehave(m in proptest::array::uniform9(proptest::num::f64::ANY)) {
+            if let Some(r) = nearest_rotation(&Matrix3::from_row_slice(&m)) {
+                prop_assert!((r.transpose() * r - Matrix3::identity()).norm() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn log_at_half_a_turn_is_half_a_turn() {
+        for axis in [Vector3::x(), Vector3::y(), Vector3::z(), Vector3::new(0.6, 0.0, -0.8)] {
+            let l = log(&exp(&(PI * axis)));
+            assert!((l.norm() - PI).abs() < 1e-12);
+            assert!(l.cross(&axis).norm() < 1e-7);
+        }
+    }
+
+    #[test]
+    fn angles_follow_the_aerospace_convention() {
+        // Nose up: the body's x axis points upwards, that is, to negative D.
+        assert!((Euler::new(0.0, 0.3, 0.0).to_rotation() * Vector3::x()).z < 0.0);
+        // Right wing down: the body's y axis points downwards.
+        assert!((Euler::new(0.3, 0.0, 0.0).to_rotation() * Vector3::y()).z > 0.0);
+        // Heading east.
+        let x = Euler::new(0.0, 0.0, PI / 2.0).to_rotation() * Vector3::x();
+        assert!((x - Vector3::y()).norm() < 1e-15);
+    }
+
+    #[test]
+    fn gimbal_lock_gives_a_finite_and_equal_attitude() {
+        for pitch in [PI / 2.0, -PI / 2.0] {
+            let r = Euler::new(0.4, pitch, 1.1).to_rotation();
+            assert!((Euler::from_rotation(&r).to_rotation() - r).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn reflections_singular_and_non_finite_matrices_have_no_nearest_rotation() {
+        assert!(nearest_rotation(&Matrix3::zeros()).is_none());
+        assert!(nearest_rotation(&Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0))).is_none());
+        assert!(nearest_rotation(&Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0))).is_none());
+        assert!(nearest_rotation(&Matrix3::from_element(f64::NAN)).is_none());
+        assert!(from_quaternion(&Vector4::zeros()).is_none());
+        assert!(from_quaternion(&Vector4::new(f64::NAN, 0.0, 0.0, 1.0)).is_none());
+    }
+}
