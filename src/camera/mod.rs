@@ -1,0 +1,5 @@
+//! Cameras: from the motion of the image to the velocity of the body (Fusini, Section III).
+
+pub mod single_patch;
+
+pub use single_patch::{CameraMount, FlowPatch, FlowRefusal, FlowVelocity, PatchLimits, PatchNoise};
