@@ -104,6 +104,7 @@ fn grip(name: &str) {
         bias_bounds: BiasBounds { bound_radps: number(&p["Mb"]), limit_radps: number(&p["Mbh"]) },
         gains: gains(&p["K"]),
         discretisation: discretisation(p),
+        min_magnetic_sine: 0.0,
         gate: None,
     };
     let use_velocity = p["use_vel"].as_bool().unwrap();
@@ -173,6 +174,7 @@ fn fusini(name: &str) {
         flow_bias_time_constant_s: number(&p["tau_bv"]),
         predict_flow_z: number(&p["zmode"]) == 1.0,
         guard: 5.0,
+        min_magnetic_sine: 0.0,
         gate: None,
     };
     let k_dr = number(&p["k_dr"]) as usize;
