@@ -12,5 +12,6 @@ pub mod outbound;
 pub mod pipeline;
 pub mod replay;
 pub mod sample;
+pub mod sim;
 pub mod time;
 pub mod wire;

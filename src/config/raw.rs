@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use crate::altimeter::HeightSettings;
-use crate::camera::calibration::CalibrationSettings;
+use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
 use crate::geo::so3::Euler;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::settings::{
@@ -110,6 +110,7 @@ struct Flow {
     rate_noise_radps: f64,
     max_tilt_deg: f64,
     min_height_m: f64,
+    max_height_m: f64,
     mount_roll_deg: f64,
     mount_pitch_deg: f64,
     mount_yaw_deg: f64,
@@ -321,13 +322,20 @@ impl Raw {
         FlowSettings {
             enabled: f.r#use,
             delay_s: f.delay_ms * 1e-3,
-            min_quality: f.min_quality,
             rate_noise_radps: f.rate_noise_radps,
-            max_tilt_rad: f.max_tilt_deg.to_radians(),
-            min_height_m: f.min_height_m,
-            // The angles turn the body axes into the camera's; the matrix maps vectors the other way.
-            r_body_to_camera: mounting.to_rotation().transpose(),
-            lever_arm_body_m: Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m),
+            limits: PatchLimits {
+                max_tilt_rad: f.max_tilt_deg.to_radians(),
+                min_distance_m: f.min_height_m,
+                max_distance_m: f.max_height_m,
+                min_quality: f.min_quality,
+                min_integration_s: 1e-3,
+                max_integration_s: 0.5,
+            },
+            mount: CameraMount {
+                // The angles turn the body axes into the camera's; the matrix maps vectors the other way.
+                r_body_to_camera: mounting.to_rotation().transpose(),
+                lever_arm_body: Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m),
+            },
             calibration: CalibrationSettings {
                 bias_sigma_mps: f.bias_sigma_mps,
                 scale_sigma: f.scale_sigma,

@@ -2,7 +2,7 @@
 
 use super::wgs84::Geodetic;
 use nalgebra::Vector3;
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 use thiserror::Error;
 use world_magnetic_model::GeomagneticField;
 use world_magnetic_model::time::Date;
@@ -88,9 +88,11 @@ pub fn magnetic_field(position: &Geodetic, decimal_year: f64) -> Result<Magnetic
     let lon = super::so3::wrap_pi(position.longitude_rad);
     // Rounding to f32 may pass ±π by half a unit, which the crate refuses.
     let limit = PI as f32 - 1e-6;
+    // 600 m short of a pole: there the spherical harmonics divide by the cosine of the latitude.
+    let polar = FRAC_PI_2 - 1e-4;
     let field = GeomagneticField::new(
         Length::new::<meter>(position.height_m as f32),
-        Angle::new::<radian>(position.latitude_rad.clamp(-1.5707, 1.5707) as f32),
+        Angle::new::<radian>(position.latitude_rad.clamp(-polar, polar) as f32),
         Angle::new::<radian>((lon as f32).clamp(-limit, limit)),
         date,
     )

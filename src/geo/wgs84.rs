@@ -171,11 +171,10 @@ mod tests {
     fn north_turns_with_longitude_away_from_the_equator() {
         let frame = LocalNed::new(Geodetic::from_degrees(60.0, 0.0, 0.0));
         let there = Geodetic::from_degrees(60.0, 1.0, 0.0);
-        // Meridian convergence Δλ sin φ.
+        // Meridians converge by Δλ sin φ: seen from the east, the origin's north points to the right of north.
         let north_there = frame.r_to_ned_at(&there) * Vector3::x();
-        assert!(
-            (north_there.y.atan2(north_there.x) + 1f64.to_radians() * 60f64.to_radians().sin()).abs() < 1e-4
-        );
+        let convergence = 1f64.to_radians() * 60f64.to_radians().sin();
+        assert!((north_there.y.atan2(north_there.x) - convergence).abs() < 1e-4);
     }
 
     #[test]

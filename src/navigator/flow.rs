@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use crate::camera::calibration::{Distrust, FlowCalibration};
+use crate::camera::{Distrust, FlowCalibration, FlowPatch, FlowRefusal, PatchNoise, single_patch};
 use crate::observer::FixSample;
 use crate::sample::{FlowRotation, FlowSample};
 use crate::time::{ApTime, Span};
@@ -19,6 +19,8 @@ const MAX_SENSORS: usize = 8;
 const GATE_SIGMA: f64 = 5.0;
 /// … unless they go on for this long, s: then it is the velocity that is wrong.
 const RELOCK_S: f64 = 1.0;
+/// The interval that a flow rate without one is taken over, s.
+const RATE_INTERVAL_S: f64 = 0.05;
 /// The interval taken for the first sample, s.
 const FIRST_INTERVAL_S: f64 = 0.05;
 
@@ -86,9 +88,6 @@ impl Navigator {
         if last.is_some_and(|t| s.time <= t) {
             return Err(Reason::OutOfOrder);
         }
-        if s.quality < settings.min_quality {
-            return Err(Reason::LowQuality);
-        }
         let end = s.time - Span::from_seconds(settings.delay_s);
         let begin = end - s.interval;
         let middle = end - Span::from_micros(s.interval.micros() / 2);
@@ -97,58 +96,57 @@ impl Navigator {
         let r = self.history.attitude(middle.min(newest)).ok_or(Reason::NoReferenceYet)?;
         let rate_body =
             self.history.mean_rate(begin.min(newest), end.min(newest)).unwrap_or(self.angular_rate_body);
-        let axis_body = settings.r_body_to_camera.row(2).transpose();
-        let cosine = (r * axis_body).z;
-        if cosine < settings.max_tilt_rad.cos() {
-            return Err(Reason::Tilt);
-        }
-        let (distance, ranged) = self.distance(s, cosine)?;
-        let rate_camera = settings.r_body_to_camera * rate_body;
-        let [turn_x, turn_y] = match s.rotation {
-            FlowRotation::SensorGyro(gyro) => gyro,
-            FlowRotation::Contained => [rate_camera.x, rate_camera.y],
-            FlowRotation::Removed => [0.0, 0.0],
+        let mount = &settings.mount;
+        let cosine = mount.cos_tilt(&r);
+        let (distance_m, height_m) = self.distance(s, cosine);
+        let ranged = distance_m.is_some();
+        // A message that gives a rate is a flow over any interval.
+        let dt = if s.interval > Span::ZERO { s.interval.seconds() } else { RATE_INTERVAL_S };
+        let rate_camera = mount.r_body_to_camera * rate_body;
+        let rotation = match s.rotation {
+            FlowRotation::SensorGyro([x, y]) => Vector2::new(x, y),
+            FlowRotation::Contained => rate_camera.xy(),
+            FlowRotation::Removed => Vector2::zeros(),
         };
-        let v_camera = Vector2::new(distance * (rate_y - turn_y), -distance * (rate_x - turn_x));
-        let swing = settings.r_body_to_camera * rate_body.cross(&settings.lever_arm_body_m);
-        let v_down = -self.height.climb_mps();
+        let patch = FlowPatch {
+            integration_time_s: dt,
+            flow_rad: Vector2::new(rate_x, rate_y) * dt,
+            rotation_rad: rotation * dt,
+            body_rate: rate_body,
+            distance_m,
+            height_m,
+            quality: s.quality,
+        };
+        let noise =
+            PatchNoise { flow_rad: settings.rate_noise_radps * dt, rotation_rad: 0.0, distance_m: 0.05, distance_fraction: 0.0 };
+        let seen = single_patch::solve(&patch, mount, &r, &settings.limits, &noise)?;
         // Two rows from the camera, one from the climb rate.
-        let c = &settings.r_body_to_camera;
+        let c = &seen.body_to_measurement;
         let rows = Matrix3::from_rows(&[c.row(0).into_owned(), c.row(1).into_owned(), r.row(2).into_owned()]);
-        let right = Vector3::new(v_camera.x - swing.x, v_camera.y - swing.y, v_down);
+        let v = &seen.velocity_camera;
+        let right = Vector3::new(v.x, v.y, -self.height.climb_mps());
         let v_body = rows.try_inverse().ok_or(Reason::Tilt)? * right;
         if !v_body.iter().all(|v| v.is_finite()) {
             return Err(Reason::NotFinite);
         }
         let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
-        let sigma = distance * settings.rate_noise_radps;
         Ok(Measured {
             time: middle.min(newest),
             r_body_to_ned: r,
             v_xy: v_body.xy(),
-            noise: Matrix2::identity() * (sigma * sigma),
+            noise: seen.covariance,
             interval_s,
             ranged,
         })
     }
 
-    /// Distance along the optical axis, and whether a rangefinder told it.
-    fn distance(&self, s: &FlowSample, cosine: f64) -> Result<(f64, bool), Reason> {
-        let least = self.settings.flow.min_height_m;
-        let ranged =
-            self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
-        let (distance, is_ranged) = match (s.distance_m, ranged, self.height.height_m(), self.ground_m) {
-            (Some(d), ..) => (d, true),
-            // The beam points along body z.
-            (None, Some((_, d)), ..) => (d * self.r_body_to_ned[(2, 2)].max(0.1) / cosine, true),
-            (None, None, Some(height), Some(ground)) => ((height - ground) / cosine, false),
-            _ => return Err(Reason::NoDistance),
-        };
-        if distance.is_finite() && distance >= least {
-            Ok((distance, is_ranged))
-        } else {
-            Err(Reason::NoDistance)
-        }
+    /// Distance along the optical axis if it is measured, and else the height over ground.
+    fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
+        let ranged = self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
+        // The beam points along body z.
+        let measured = ranged.map(|(_, d)| d * self.r_body_to_ned[(2, 2)] / cosine.max(0.1));
+        let height = self.height.height_m().zip(self.ground_m).map(|(height, ground)| height - ground);
+        (s.distance_m.or(measured), height)
     }
 
     /// While aligning without a magnetometer the flow is the only horizontal direction in body axes.
@@ -212,8 +210,7 @@ impl Navigator {
             return Verdict::Rejected(Reason::Innovation);
         }
         self.flows[index].outliers_s = 0.0;
-        let velocity = self.state.map_or(v_ned, |s| s.velocity_ned);
-        self.predictor.apply(&innovation, &velocity);
+        self.predictor.apply(&innovation);
         self.flow_body = Some((m.time, v_body));
         let jacobian = FlowCalibration::jacobian(&corrected);
         let density = 0.5 * (m.noise * factor).trace() * m.interval_s;
@@ -257,5 +254,17 @@ impl Navigator {
     /// The flow sensors with their calibration [b_x, b_y, s, μ] and whether they are trusted.
     pub fn flow_sensors(&self) -> impl Iterator<Item = (u8, &FlowCalibration, Result<(), Distrust>)> {
         self.flows.iter().map(|f| (f.id, &f.calibration, f.trust))
+    }
+}
+
+impl From<FlowRefusal> for Reason {
+    fn from(refusal: FlowRefusal) -> Self {
+        match refusal {
+            FlowRefusal::NotFinite => Reason::NotFinite,
+            FlowRefusal::IntegrationTime(_) | FlowRefusal::Distance(_) => Reason::OutOfRange,
+            FlowRefusal::Quality(_) => Reason::LowQuality,
+            FlowRefusal::Tilt(_) => Reason::Tilt,
+            FlowRefusal::DistanceMissing => Reason::NoDistance,
+        }
     }
 }

@@ -55,7 +55,7 @@ impl Navigator {
         let place = match &self.place {
             Some(place) => place,
             None => {
-                self.place = Some(self.place_at(position));
+                self.settle(position);
                 self.tell(now, What::Origin(0.0));
                 return Ok(());
             }
@@ -109,7 +109,7 @@ impl Navigator {
             Mode::Holdover | Mode::Lost if regained => self.rejoin(now, &innovation, lag),
             Mode::Holdover | Mode::Lost => return Ok(()),
             Mode::Aligning | Mode::Aided | Mode::Rejoining => {
-                self.predictor.apply(&innovation, &state.velocity_ned);
+                self.predictor.apply(&innovation);
             }
         }
         if let (Some(e_v), Some(a)) = (e_v, self.history.acceleration(measured))
@@ -149,7 +149,7 @@ impl Navigator {
         let e_v = horizontal(&innovation.velocity_ned).unwrap_or_default();
         let e_p = horizontal(&innovation.position_ned).unwrap_or_default() + lag;
         let shift = e_p + e_v * delay;
-        self.predictor.apply(innovation, &state.velocity_ned);
+        self.predictor.apply(innovation);
         state.position_ned += Vector3::new(shift.x, shift.y, 0.0);
         state.velocity_ned += Vector3::new(e_v.x, e_v.y, 0.0);
         self.offset_ned -= Vector3::new(shift.x, shift.y, 0.0);

@@ -115,7 +115,8 @@ impl Navigator {
                 position_error_ned,
                 velocity_error_ned,
             };
-            return grip::step(&self.grip, state, &input).ok();
+            let params = if self.modes.mode() == Mode::Aligning { &self.grip_start } else { &self.grip };
+            return grip::step(params, state, &input).ok();
         }
         let input = FusiniInput {
             dt_s: dt,
@@ -159,7 +160,7 @@ impl Navigator {
         self.angular_rate_body = s.angular_rate_body - state.gyro_bias;
         let acceleration = self.r_body_to_ned * s.specific_force_body + place.gravity_ned;
         self.history.push(s.time, self.r_body_to_ned, self.angular_rate_body * dt, acceleration);
-        self.predictor.propagate(s.time, &report.acceleration_ned);
+        self.predictor.propagate(s.time, &report.acceleration_ned, &state.velocity_ned);
         self.height.predict(dt, -acceleration.z);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);

@@ -22,9 +22,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
-use crate::observer::{
-    Discretisation, FusiniBiases, FusiniParams, Gate, GripParams, ObserverState, Predictor, Scheme,
-};
+use crate::observer::{FusiniBiases, FusiniParams, GripParams, ObserverState, Predictor, Scheme};
 use crate::sample::Sample;
 use crate::time::{ApTime, Span};
 
@@ -62,6 +60,8 @@ struct Place {
 pub struct Navigator {
     settings: NavigatorSettings,
     grip: GripParams,
+    /// Grip's observer while aligning: fast gains.
+    grip_start: GripParams,
     fusini: FusiniParams,
     place: Option<Place>,
     decimal_year: f64,
@@ -69,6 +69,7 @@ pub struct Navigator {
     state: Option<ObserverState>,
     biases: FusiniBiases,
     predictor: Predictor,
+    scheme: Scheme,
     history: History,
     height: HeightFilter,
     trust: GnssTrust,
@@ -102,20 +103,22 @@ impl Navigator {
     /// A navigator that has heard nothing yet.
     pub fn new(settings: NavigatorSettings) -> Self {
         let printed = settings.estimator == Estimator::NloPrinted;
-        let (grip, fusini) = if printed {
-            (GripParams::printed(), FusiniParams::printed())
+        let (grip, grip_start, fusini) = if printed {
+            (GripParams::printed(), GripParams::printed(), FusiniParams::printed())
         } else {
-            (tuned_grip(&settings), tuned_fusini(&settings))
+            (tuned_grip(&settings), GripParams::start_up(), tuned_fusini(&settings))
         };
         let scheme = if printed { Scheme::Hold } else { Scheme::InterSample };
         Self {
             grip,
+            grip_start,
             fusini,
             place: None,
             decimal_year: DEFAULT_YEAR,
             state: None,
             biases: FusiniBiases::default(),
-            predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD),
+            predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros()),
+            scheme,
             history: History::new(HISTORY_SAMPLES),
             height: HeightFilter::new(settings.height),
             trust: GnssTrust::new(settings.gnss.trust),
@@ -167,12 +170,11 @@ impl Navigator {
             Some(place) if place.frame.origin() == origin => return,
             Some(place) => place.frame.to_ned(&origin),
         };
-        self.place = Some(self.place_at(origin));
+        self.settle(origin);
         self.height.shift_origin(-moved.z);
         self.ground_m = self.ground_m.map(|g| g + moved.z);
         if let Some(state) = &mut self.state {
             state.position_ned -= moved;
-            self.predictor.clear();
             self.trust.forget_track();
         }
         if moved.norm() > 0.01 {
@@ -185,10 +187,17 @@ impl Navigator {
     pub fn set_date(&mut self, decimal_year: f64) {
         if (decimal_year - self.decimal_year).abs() > 0.02 && decimal_year.is_finite() {
             self.decimal_year = decimal_year;
-            if let Some(place) = &self.place {
-                self.place = Some(self.place_at(place.frame.origin()));
+            if let Some(origin) = self.frame().map(LocalNed::origin) {
+                self.place = Some(self.place_at(origin));
             }
         }
+    }
+
+    /// Takes a place as the frame's origin.
+    fn settle(&mut self, origin: Geodetic) {
+        let place = self.place_at(origin);
+        self.predictor = Predictor::new(self.scheme, LONGEST_DELAY, SIGNAL_HOLD, place.earth_rate_ned);
+        self.place = Some(place);
     }
 
     fn place_at(&self, origin: Geodetic) -> Place {
@@ -282,8 +291,6 @@ fn tuned_grip(settings: &NavigatorSettings) -> GripParams {
     GripParams {
         k_p: Vector3::repeat(settings.observer.k_p),
         k_i: settings.observer.k_i,
-        discretisation: Discretisation::Exponential,
-        gate: Some(Gate::standard()),
         ..GripParams::km()
     }
 }

@@ -3,11 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use crate::altimeter::HeightSettings;
-use crate::camera::calibration::CalibrationSettings;
+use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
 
 use super::budget::BudgetSettings;
 use super::trust::TrustSettings;
-use nalgebra::{Matrix3, Vector3};
 
 /// What navigates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -82,18 +81,12 @@ pub struct FlowSettings {
     pub enabled: bool,
     /// Age of a sample beyond its own stamp, s.
     pub delay_s: f64,
-    /// Worst quality used, 0 to 1.
-    pub min_quality: f64,
     /// Noise of the rate of a sample, rad/s.
     pub rate_noise_radps: f64,
-    /// Largest tilt, rad.
-    pub max_tilt_rad: f64,
-    /// Least height over ground, m.
-    pub min_height_m: f64,
-    /// Rotation from body to camera axes.
-    pub r_body_to_camera: Matrix3<f64>,
-    /// Place of the camera from the IMU, body, m.
-    pub lever_arm_body_m: Vector3<f64>,
+    /// What is refused.
+    pub limits: PatchLimits,
+    /// Where and how the camera sits.
+    pub mount: CameraMount,
     /// What is known beforehand.
     pub calibration: CalibrationSettings,
 }

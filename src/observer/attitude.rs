@@ -25,7 +25,8 @@ pub struct MagneticPair {
 /// The start-up gate: while ‖J‖_F is at or above a threshold the gyro bias is held and K_P is the identity.
 ///
 /// Our addition. Far from the truth the injection says nothing about the bias, which would wind up to its bound and take
-/// minutes to come back; with the gate the attitude is below 5° in seconds from any start.
+/// minutes to come back. The attitude is below 5° in seconds from any start only if K_P = I stays in force below the threshold, too:
+/// use the observers' `start_up` parameters for the first half minute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gate {
     /// Threshold on ‖J‖_F, dimensionless.

@@ -4,7 +4,7 @@ use super::attitude::{self, AttitudeGains, Discretisation, Gate, MagneticPair};
 use super::bias::BiasBounds;
 use super::gains::TranslationGains;
 use super::state::{ObserverState, StepRefusal, StepReport, check};
-use super::triad::{injection, normalised_triad};
+use super::triad::{injection, normalised_triad, sine_between};
 use nalgebra::{Matrix3, Vector3};
 
 /// Parameters of Grip's observer (6)-(7).
@@ -22,6 +22,10 @@ pub struct GripParams {
     pub gains: TranslationGains,
     /// Discretisation of the attitude.
     pub discretisation: Discretisation,
+    /// J = 0 while the sine of the angle between specific force and magnetic field is below this, in body or in NED. The quantitative
+    /// form of Grip's Assumption 2, our addition: where the field dips steeply, a banked vehicle's specific force passes by it once a
+    /// turn, and a normalised triad is then all noise. 0 as printed.
+    pub min_magnetic_sine: f64,
     /// Start-up gate; `None` as printed.
     pub gate: Option<Gate>,
 }
@@ -36,6 +40,7 @@ impl GripParams {
             bias_bounds: BiasBounds::printed(),
             gains: TranslationGains::grip_printed(),
             discretisation: Discretisation::Euler,
+            min_magnetic_sine: 0.0,
             gate: None,
         }
     }
@@ -49,8 +54,15 @@ impl GripParams {
             bias_bounds: BiasBounds::printed(),
             gains: TranslationGains::km(),
             discretisation: Discretisation::Exponential,
+            min_magnetic_sine: 0.2,
             gate: Some(Gate::standard()),
         }
+    }
+
+    /// The first half minute from an unknown attitude: as [`Self::km`] with K_P = I, k_I = 0.1 and a
+    /// magnetic triad that is used nearer to where it degenerates.
+    pub fn start_up() -> Self {
+        Self { k_p: Vector3::repeat(1.0), k_i: 0.1, min_magnetic_sine: 0.1, ..Self::km() }
     }
 }
 
@@ -112,6 +124,10 @@ pub fn step(
 
     // A magnetometer vector that is not finite has no triad, so it cannot get further than here.
     let j = input.magnetic.and_then(|m| {
+        let parallel = |f, m| sine_between(f, m) < params.min_magnetic_sine;
+        if parallel(a, &m.field_body) || parallel(&a_ned, &m.field_ned) {
+            return None;
+        }
         let body = normalised_triad(&m.field_body, a)?;
         let ned = normalised_triad(&m.field_ned, &a_ned)?;
         Some(injection(&ned, &body, &r))
@@ -119,10 +135,11 @@ pub fn step(
     let injection_norm = j.map(|j| j.norm());
     let gains = AttitudeGains::choose(params.gate, params.k_p, params.k_i, injection_norm);
 
-    let acceleration_ned = a_ned + input.gravity_ned - 2.0 * input.earth_rate_ned.cross(&state.velocity_ned);
+    let acceleration_ned = a_ned + input.gravity_ned;
+    let coriolis = -2.0 * input.earth_rate_ned.cross(&state.velocity_ned);
     let k = &params.gains;
     let position = state.position_ned + dt * (state.velocity_ned + k.pp * e_p + k.pv * e_v);
-    let velocity = state.velocity_ned + dt * (acceleration_ned + k.vp * e_p + k.vv * e_v);
+    let velocity = state.velocity_ned + dt * (acceleration_ned + coriolis + k.vp * e_p + k.vv * e_v);
 
     let body_rate = input.angular_rate_body - state.gyro_bias - r.tr_mul(&input.earth_rate_ned);
     let delta_r = match j {
@@ -143,4 +160,72 @@ pub fn step(
     state.position_ned = position;
     state.velocity_ned = velocity;
     Ok(StepReport { acceleration_ned, injection_norm, gated: gains.gated })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn level() -> GripInput {
+        GripInput {
+            dt_s: 0.01,
+            angular_rate_body: Vector3::new(0.0, 0.0, 0.1),
+            specific_force_body: Vector3::new(0.0, 0.0, -9.81),
+            gravity_ned: Vector3::new(0.0, 0.0, 9.81),
+            earth_rate_ned: Vector3::zeros(),
+            magnetic: None,
+            position_error_ned: Vector3::zeros(),
+            velocity_error_ned: Vector3::zeros(),
+        }
+    }
+
+    fn start() -> ObserverState {
+        ObserverState::new(Matrix3::identity(), Vector3::zeros(), Vector3::zeros())
+    }
+
+    #[test]
+    fn refused_input_leaves_the_state_alone() {
+        let mut s = start();
+        let nan = Vector3::new(0.0, f64::NAN, 0.0);
+        let refused = |s: &mut ObserverState, i: &GripInput| step(&GripParams::km(), s, i).unwrap_err();
+        assert_eq!(refused(&mut s, &GripInput { angular_rate_body: nan, ..level() }), StepRefusal::NotFinite);
+        assert_eq!(
+            refused(&mut s, &GripInput { position_error_ned: nan, ..level() }),
+            StepRefusal::NotFinite
+        );
+        for dt_s in [0.0, -0.01, 1.5, f64::NAN] {
+            assert_eq!(refused(&mut s, &GripInput { dt_s, ..level() }), StepRefusal::Interval);
+        }
+        assert_eq!(s, start());
+    }
+
+    #[test]
+    fn a_magnetometer_that_is_absent_or_nonsense_injects_nothing() {
+        let pair = |x: f64| MagneticPair { field_body: Vector3::repeat(x), field_ned: Vector3::x() };
+        for magnetic in [None, Some(pair(f64::NAN)), Some(pair(0.0)), Some(pair(f64::INFINITY))] {
+            let mut s = start();
+            let report = step(&GripParams::km(), &mut s, &GripInput { magnetic, ..level() }).unwrap();
+            assert_eq!(report.injection_norm, None);
+            assert!((s.r_hat - crate::geo::so3::exp(&Vector3::new(0.0, 0.0, 1e-3))).norm() < 1e-15);
+            assert!(s.is_finite() && s.velocity_ned.norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_gate_holds_the_bias_and_opens_the_attitude_gain() {
+        let magnetic = Some(MagneticPair { field_body: -Vector3::x(), field_ned: Vector3::x() });
+        let mut s = start();
+        let report = step(&GripParams::km(), &mut s, &GripInput { magnetic, ..level() }).unwrap();
+        assert!(report.gated && report.injection_norm.is_some_and(|n| (n - 8f64.sqrt()).abs() < 1e-9));
+        assert_eq!(s.gyro_bias, Vector3::zeros());
+        let mut printed = start();
+        let report = step(
+            &GripParams { gate: None, ..GripParams::km() },
+            &mut printed,
+            &GripInput { magnetic, ..level() },
+        );
+        assert!(!report.unwrap().gated);
+        let turned = |s: &ObserverState| (s.r_hat.m11 - 1.0).abs();
+        assert!(turned(&s) > 8.0 * turned(&printed), "K_P = 1 instead of 0.1");
+    }
 }

@@ -2,10 +2,12 @@
 //!
 //! Injecting a held sample costs metres and tenths of degrees; holding the innovation, or jumps with T·K, are unstable with the
 //! papers' gains (spectral radius 25 a fix). So a copy w of position and velocity is integrated with the observer's own acceleration,
-//! ẇ_v = f̂ⁿ + g (− 2ω_e × v̂), ẇ_p = w_v, is set to each fix, and w − (p̂, v̂) is injected at the IMU's rate.
+//! ẇ_v = f̂ⁿ + g − 2ω_e × w_v, ẇ_p = w_v, is set to each fix, and w − (p̂, v̂) is injected at the IMU's rate.
 //!
 //! A fix stamped t_g < now is compared with the stored w(t_g), and its correction carried to now exactly: the difference of two
 //! solutions of ẅ_p = a is e_p + e_v (t − t_g). For a fix without delay this is the plain reset.
+//!
+//! On an axis whose velocity is not measured, w_v is the observer's own v̂ at every step (Theorem 2 of Grip: e_v = 0).
 
 use super::history::{Entry, History};
 use crate::time::{ApTime, Span};
@@ -107,11 +109,12 @@ impl Signal {
         (e_p, e_v)
     }
 
-    /// ẇ_v = a, ẇ_p = w_v over `h` seconds, by Euler; nothing for a held signal.
-    pub(super) fn advance(&mut self, h: f64, acceleration_ned: &Vector3<f64>) {
+    /// ẇ_v = a − 2ω_e × w_v, ẇ_p = w_v over `h` seconds, by Euler; nothing for a held signal.
+    pub(super) fn advance(&mut self, h: f64, acceleration_ned: &Vector3<f64>, earth_rate_ned: &Vector3<f64>) {
         if self.scheme == Scheme::InterSample {
+            let coriolis = -2.0 * earth_rate_ned.cross(&self.velocity_ned);
             self.position_ned += h * self.velocity_ned;
-            self.velocity_ned += h * acceleration_ned;
+            self.velocity_ned += h * (acceleration_ned + coriolis);
         }
     }
 }
@@ -121,6 +124,7 @@ impl Signal {
 pub struct Predictor {
     scheme: Scheme,
     hold: Span,
+    earth_rate_ned: Vector3<f64>,
     now: Option<Entry>,
     history: History,
     measured_position: [Option<ApTime>; 3],
@@ -134,11 +138,13 @@ const MAX_STEP: Span = Span::from_millis(1000);
 
 impl Predictor {
     /// A predictor without a state. `history` is the longest delay a fix may have; `hold` is how long after its last measurement an axis
-    /// still counts as measured (somewhat over two intervals of the slowest receiver).
-    pub fn new(scheme: Scheme, history: Span, hold: Span) -> Self {
+    /// still counts as measured (somewhat over two intervals of the slowest receiver). `earth_rate_ned`, rad/s, is for the Coriolis
+    /// term; zero where the observer has none.
+    pub fn new(scheme: Scheme, history: Span, hold: Span, earth_rate_ned: Vector3<f64>) -> Self {
         Self {
             scheme,
             hold,
+            earth_rate_ned,
             now: None,
             history: History::new(history, Span::from_millis(5)),
             measured_position: [None; 3],
@@ -174,28 +180,43 @@ impl Predictor {
         self.now
     }
 
-    /// Integrates to `now` with the observer's acceleration over the interval (see [`super::StepReport`]). Without a state, with a
-    /// stamp that is not later than the last, or an acceleration that is not finite, nothing happens; after a gap of more than 1 s the
-    /// state is dropped. Returns whether it moved.
-    pub fn propagate(&mut self, now: ApTime, acceleration_ned: &Vector3<f64>) -> bool {
+    /// Integrates to `now` with the observer's f̂ⁿ + g over the interval (see [`super::StepReport`]); `velocity_ned` is v̂ after the step.
+    /// Without a state, with a stamp that is not later than the last, or input that is not finite, nothing happens; after a gap of
+    /// more than 1 s the state is dropped. Returns whether it moved.
+    pub fn propagate(
+        &mut self,
+        now: ApTime,
+        acceleration_ned: &Vector3<f64>,
+        velocity_ned: &Vector3<f64>,
+    ) -> bool {
         let Some(last) = self.now else { return false };
         let step = now - last.stamp;
         if step > MAX_STEP {
             self.clear();
             return false;
         }
-        if step <= Span::ZERO || !finite(acceleration_ned) {
+        if step <= Span::ZERO || !finite(acceleration_ned) || !finite(velocity_ned) {
             return false;
         }
-        let dt = step.seconds();
         let mut entry = Entry { stamp: now, ..last };
         if self.scheme == Scheme::InterSample {
+            let coriolis = -2.0 * self.earth_rate_ned.cross(&last.velocity_ned);
+            let dt = step.seconds();
             entry.position_ned += dt * last.velocity_ned;
-            entry.velocity_ned += dt * acceleration_ned;
+            entry.velocity_ned += dt * (acceleration_ned + coriolis);
+            for axis in 0..3 {
+                if !self.is_fresh(self.measured_velocity[axis], now) {
+                    entry.velocity_ned[axis] = velocity_ned[axis];
+                }
+            }
         }
         self.now = Some(entry);
         self.history.record(entry);
         true
+    }
+
+    fn is_fresh(&self, measured: Option<ApTime>, now: ApTime) -> bool {
+        measured.is_some_and(|t| now - t <= self.hold)
     }
 
     /// The fix less w at its time; nothing is changed. `None` without a state, for a fix older than the history or more than 50 ms ahead of
@@ -220,28 +241,19 @@ impl Predictor {
     }
 
     /// Applies an innovation that was computed on the present state: w_v += e_v, w_p += e_p + e_v (now − t_g), and the history likewise.
-    ///
-    /// On an axis with a position but no velocity, w_v is set to the observer's velocity `velocity_ned` (now), so that w follows the
-    /// observer between fixes; there e_v = 0 is injected (Theorem 2).
-    pub fn apply(&mut self, innovation: &Innovation, velocity_ned: &Vector3<f64>) {
+    /// Absent components correct nothing.
+    pub fn apply(&mut self, innovation: &Innovation) {
         let Some(now) = &mut self.now else { return };
         let mut e_p = Vector3::zeros();
         let mut e_v = Vector3::zeros();
         for axis in 0..3 {
-            let (position, velocity) = (innovation.position_ned[axis], innovation.velocity_ned[axis]);
-            if let Some(e) = position {
+            if let Some(e) = innovation.position_ned[axis] {
                 e_p[axis] = e;
                 self.measured_position[axis] = Some(innovation.stamp);
             }
-            if let Some(e) = velocity {
+            if let Some(e) = innovation.velocity_ned[axis] {
                 e_v[axis] = e;
                 self.measured_velocity[axis] = Some(innovation.stamp);
-            } else if position.is_some() && self.scheme == Scheme::InterSample {
-                let fresh = self.measured_velocity[axis].is_some_and(|t| now.stamp - t <= self.hold);
-                // Where velocities come in samples of their own, they stand.
-                if !fresh && velocity_ned[axis].is_finite() {
-                    e_v[axis] = velocity_ned[axis] - now.velocity_ned[axis];
-                }
             }
         }
         let carried = match self.scheme {
@@ -256,9 +268,8 @@ impl Predictor {
     /// The signal to inject; `None` without a state or when no axis was measured within the hold time.
     pub fn signal(&self) -> Option<Signal> {
         let now = self.now?;
-        let fresh = |t: &Option<ApTime>| t.is_some_and(|t| now.stamp - t <= self.hold);
-        let position_axes: [bool; 3] = std::array::from_fn(|i| fresh(&self.measured_position[i]));
-        let velocity_axes: [bool; 3] = std::array::from_fn(|i| fresh(&self.measured_velocity[i]));
+        let position_axes = self.measured_position.map(|t| self.is_fresh(t, now.stamp));
+        let velocity_axes = self.measured_velocity.map(|t| self.is_fresh(t, now.stamp));
         if !position_axes.iter().chain(&velocity_axes).any(|&a| a) {
             return None;
         }
@@ -288,9 +299,13 @@ mod tests {
         ApTime::from_micros(ms * 1000)
     }
 
+    fn predictor(history: Span, hold: Span) -> Predictor {
+        Predictor::new(Scheme::InterSample, history, hold, Vector3::zeros())
+    }
+
     /// A predictor fed a known acceleration at 100 Hz, with fixes of the true motion, each `delay_ms` late. Returns its end state.
     fn run(delay_ms: i64, offset_p: f64, offset_v: f64) -> (Entry, f64) {
-        let mut w = Predictor::new(Scheme::InterSample, Span::from_millis(1000), Span::from_millis(2000));
+        let mut w = predictor(Span::from_millis(1000), Span::from_millis(2000));
         w.reset(at(0), &Vector3::new(offset_p, 0.0, 0.0), &Vector3::new(offset_v, 0.0, 0.0));
         // Truth integrated with the predictor's own rule, so that only the handling of delays is under test.
         let mut truth = vec![(0.0, 0.0)];
@@ -300,7 +315,10 @@ mod tests {
             let a = 3.0 * (0.02 * k as f64).cos();
             let (p, v) = truth[(k - 1) as usize];
             truth.push((p + 0.01 * v, v + 0.01 * a));
-            assert!(w.propagate(at(10 * k), &Vector3::new(a, 0.0, 0.0)));
+            let a_ned = Vector3::new(a, 0.0, 0.0);
+            // Before the first fix the velocity follows the observer's, here the predictor's own.
+            let v_hat = w.latest().unwrap().velocity_ned + 0.01 * a_ned;
+            assert!(w.propagate(at(10 * k), &a_ned, &v_hat));
             let sample = k - delay_ms / 10;
             if k % 20 == 0 && sample > 0 {
                 let (p, v) = truth[sample as usize];
@@ -310,7 +328,7 @@ mod tests {
                 if applied > 0 {
                     worst_after_first = worst_after_first.max(e.position_ned[0].unwrap().abs());
                 }
-                w.apply(&e, &Vector3::zeros());
+                w.apply(&e);
                 applied += 1;
             }
         }
@@ -332,13 +350,13 @@ mod tests {
 
     #[test]
     fn a_fix_without_delay_is_the_plain_reset() {
-        let mut w = Predictor::new(Scheme::InterSample, Span::from_millis(500), Span::from_millis(1000));
+        let mut w = predictor(Span::from_millis(500), Span::from_millis(1000));
         w.reset(at(0), &Vector3::zeros(), &Vector3::new(1.0, 2.0, 3.0));
-        w.propagate(at(10), &Vector3::new(0.0, 0.0, 1.0));
+        w.propagate(at(10), &Vector3::new(0.0, 0.0, 1.0), &Vector3::zeros());
         let (p, v) = (Vector3::new(7.0, -4.0, 2.0), Vector3::new(0.5, 0.25, -1.0));
         let e = w.innovation(&FixSample::position(at(10), &p).with_velocity(&v)).unwrap();
         assert_eq!(e.delay_s, 0.0);
-        w.apply(&e, &Vector3::zeros());
+        w.apply(&e);
         let s = w.signal().unwrap();
         assert!((s.position_ned - p).norm() < 1e-12 && (s.velocity_ned - v).norm() < 1e-12);
         assert_eq!(s.errors(&s.position_ned, &s.velocity_ned), (Vector3::zeros(), Vector3::zeros()));
@@ -346,10 +364,10 @@ mod tests {
 
     #[test]
     fn stamps_between_entries_are_interpolated() {
-        let mut w = Predictor::new(Scheme::InterSample, Span::from_millis(500), Span::from_millis(1000));
+        let mut w = predictor(Span::from_millis(500), Span::from_millis(1000));
         w.reset(at(0), &Vector3::zeros(), &Vector3::new(10.0, 0.0, 0.0));
         for k in 1..=20 {
-            w.propagate(at(20 * k), &Vector3::zeros());
+            w.propagate(at(20 * k), &Vector3::zeros(), &Vector3::new(10.0, 0.0, 0.0));
         }
         let fix = FixSample::position(ApTime::from_micros(123_456), &Vector3::new(1.0, 0.0, 0.0));
         let e = w.innovation(&fix).unwrap();
@@ -359,38 +377,39 @@ mod tests {
 
     #[test]
     fn absent_components_are_not_corrected_and_not_injected() {
-        let mut w = Predictor::new(Scheme::InterSample, Span::from_millis(500), Span::from_millis(1000));
+        let mut w = predictor(Span::from_millis(500), Span::from_millis(1000));
         w.reset(at(0), &Vector3::zeros(), &Vector3::zeros());
         assert!(w.signal().is_none(), "a reset is no measurement");
-        w.propagate(at(10), &Vector3::zeros());
+        w.propagate(at(10), &Vector3::zeros(), &Vector3::zeros());
         let fix = FixSample::position(at(10), &Vector3::new(1.0, 2.0, 3.0))
             .with_horizontal_velocity(4.0, 5.0)
             .without_vertical_position();
         let e = w.innovation(&fix).unwrap();
         assert_eq!((e.position_ned[2], e.velocity_ned[2]), (None, None));
-        w.apply(&e, &Vector3::new(0.0, 0.0, 9.0));
+        w.apply(&e);
         let s = w.signal().unwrap();
         assert_eq!((s.position_axes, s.velocity_axes), ([true, true, false], [true, true, false]));
         let (e_p, e_v) = s.errors(&Vector3::repeat(-1.0), &Vector3::repeat(-1.0));
         assert_eq!((e_p.z, e_v.z), (0.0, 0.0));
         assert!((e_p.x - 2.0).abs() < 1e-12 && (e_v.y - 6.0).abs() < 1e-12);
-        // A vertical sample fills the rest; w_v then follows the observer's velocity there.
+        // A vertical sample fills the rest; w_v follows the observer's velocity there and nowhere else.
         let e = w.innovation(&FixSample::vertical(at(10), -30.0, None)).unwrap();
-        w.apply(&e, &Vector3::new(0.0, 0.0, 9.0));
+        w.apply(&e);
+        w.propagate(at(20), &Vector3::zeros(), &Vector3::new(-7.0, -7.0, 9.0));
         let s = w.signal().unwrap();
         assert_eq!((s.position_axes, s.velocity_axes), ([true; 3], [true, true, false]));
-        assert_eq!((s.position_ned.z, s.velocity_ned.z), (-30.0, 9.0));
-        assert_eq!(s.velocity_ned.x, 4.0);
+        assert!((s.position_ned.z + 30.0).abs() < 1e-12 && s.velocity_ned.z == 9.0);
+        assert!((s.velocity_ned.x - 4.0).abs() < 1e-12);
     }
 
     #[test]
     fn fixes_that_cannot_be_compared_give_no_innovation() {
-        let mut w = Predictor::new(Scheme::InterSample, Span::from_millis(100), Span::from_millis(1000));
+        let mut w = predictor(Span::from_millis(100), Span::from_millis(1000));
         let fix = |ms| FixSample::position(at(ms), &Vector3::zeros());
         assert!(w.innovation(&fix(0)).is_none(), "no state");
         w.reset(at(0), &Vector3::zeros(), &Vector3::zeros());
         for k in 1..=100 {
-            w.propagate(at(10 * k), &Vector3::zeros());
+            w.propagate(at(10 * k), &Vector3::zeros(), &Vector3::zeros());
         }
         assert!(w.innovation(&fix(910)).is_some());
         assert!(w.innovation(&fix(700)).is_none(), "older than the history");
@@ -402,27 +421,27 @@ mod tests {
 
     #[test]
     fn nonsense_and_gaps_do_not_get_in() {
-        let mut w = Predictor::new(Scheme::InterSample, Span::from_millis(100), Span::from_millis(1000));
+        let mut w = predictor(Span::from_millis(100), Span::from_millis(1000));
         w.reset(at(0), &Vector3::repeat(f64::NAN), &Vector3::zeros());
         assert!(!w.is_running());
         w.reset(at(0), &Vector3::zeros(), &Vector3::zeros());
-        assert!(!w.propagate(at(10), &Vector3::repeat(f64::INFINITY)));
-        assert!(!w.propagate(at(-10), &Vector3::zeros()));
-        assert!(!w.propagate(at(5000), &Vector3::zeros()), "a gap");
+        assert!(!w.propagate(at(10), &Vector3::repeat(f64::INFINITY), &Vector3::zeros()));
+        assert!(!w.propagate(at(-10), &Vector3::zeros(), &Vector3::zeros()));
+        assert!(!w.propagate(at(5000), &Vector3::zeros(), &Vector3::zeros()), "a gap");
         assert!(!w.is_running());
     }
 
     #[test]
     fn an_axis_that_is_no_longer_measured_is_no_longer_injected() {
-        let mut w = Predictor::new(Scheme::InterSample, Span::from_millis(100), Span::from_millis(300));
+        let mut w = predictor(Span::from_millis(100), Span::from_millis(300));
         w.reset(at(0), &Vector3::zeros(), &Vector3::zeros());
         let e = w.innovation(&FixSample::position(at(0), &Vector3::zeros())).unwrap();
-        w.apply(&e, &Vector3::zeros());
+        w.apply(&e);
         for k in 1..=30 {
-            w.propagate(at(10 * k), &Vector3::zeros());
+            w.propagate(at(10 * k), &Vector3::zeros(), &Vector3::zeros());
             assert!(w.signal().is_some());
         }
-        w.propagate(at(310), &Vector3::zeros());
+        w.propagate(at(310), &Vector3::zeros(), &Vector3::zeros());
         assert!(w.signal().is_none());
     }
 }

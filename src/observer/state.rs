@@ -54,7 +54,7 @@ impl ObserverState {
 /// What a step did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepReport {
-    /// Acceleration in NED over the step, m/s²: f̂ⁿ + g (− 2 ω_e × v̂), from the state before the step. Feed it to
+    /// f̂ⁿ + g in NED over the step, m/s², without Coriolis, from the state before the step. Feed it to
     /// [`super::Predictor::propagate`].
     pub acceleration_ned: Vector3<f64>,
     /// ‖J‖_F of the (last) injection; `None` when there was none: no reference vector, a degenerate triad, or Assumption 3's guard.

@@ -21,6 +21,12 @@ pub fn normalised_triad(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<M
     Some(Matrix3::from_columns(&[c1, c2, c3]))
 }
 
+/// Sine of the angle between two vectors; 0 where it is not defined.
+pub fn sine_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    let s = a.cross(b).norm() / (a.norm() * b.norm());
+    if s.is_finite() { s } else { 0.0 }
+}
+
 /// The injection J = A_n A_bᵀ − R̂ A_b A_bᵀ of two normalised triads (Grip (3a), Fusini (8a)). As A_b is orthogonal it is
 /// A_n A_bᵀ − R̂: the TRIAD attitude less the estimate. Zero exactly when R̂ agrees with both vectors.
 pub fn injection(triad_ned: &Matrix3<f64>, triad_body: &Matrix3<f64>, r_hat: &Matrix3<f64>) -> Matrix3<f64> {
