@@ -56,7 +56,12 @@ impl Pipeline {
     }
 
     /// Takes one decoded item and appends what is to be sent. Returns the new solution after an IMU sample.
-    pub fn take(&mut self, clock: &AutopilotClock, item: &Item, out: &mut Vec<OutboundMessage>) -> Option<Solution> {
+    pub fn take(
+        &mut self,
+        clock: &AutopilotClock,
+        item: &Item,
+        out: &mut Vec<OutboundMessage>,
+    ) -> Option<Solution> {
         match item {
             Item::Sample(sample) => {
                 self.navigator.ingest(sample);

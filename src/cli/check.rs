@@ -31,7 +31,10 @@ pub fn run(args: &CheckArgs) -> Result<(), Failure> {
     }
     let o = &s.pipeline.outbound;
     let profile = s.pipeline.profile.map_or("the autopilot's own".to_owned(), |p| p.to_string());
-    println!("  sends     {:?} at {} Hz, publish = {:?}, profile: {profile}", o.carriage, o.rate_hz, o.publish);
+    println!(
+        "  sends     {:?} at {} Hz, publish = {:?}, profile: {profile}",
+        o.carriage, o.rate_hz, o.publish
+    );
     println!("  estimator {}", s.pipeline.navigator.estimator.label());
     let h = &s.pipeline.navigator.holdover;
     println!("  lost at   {} m of uncertainty, or {} s without velocity", h.max_sigma_m, h.max_coast_s);

@@ -1,26 +1,210 @@
-//! `holdover evaluate`: outages slid over logs, in one table.
+//! `holdover evaluate`: outages slid over the airborne, moving part of logs, in one table.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::thread;
 
 use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use std::io::IsTerminal;
 
+use crate::config::Settings;
+use crate::navigator::settings::Estimator;
+use crate::replay::log::{Log, LogError};
+use crate::replay::sweep::{SweepRow, airborne, sweep};
+
+use super::table::{Table, number};
 use super::{ConfigArgs, Failure};
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Telemetry logs
+    /// Telemetry logs (.tlog)
     #[arg(required = true)]
     pub logs: Vec<PathBuf>,
+    /// Lengths of the outages, s
+    #[arg(long, value_delimiter = ',', default_value = "60,120,300")]
+    pub lengths: Vec<f64>,
+    /// Starts an outage length, spread evenly over the flight
+    #[arg(long, default_value_t = 8)]
+    pub starts: usize,
+    /// Estimators to compare
+    #[arg(long, value_delimiter = ',', default_value = "shipped,inertial")]
+    pub estimator: Vec<String>,
+    /// Logs and estimators worked on at the same time; 0 is one a core
+    #[arg(long, default_value_t = 0)]
+    pub jobs: usize,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
     /// Settings
     #[command(flatten)]
     pub settings: ConfigArgs,
+}
+
+/// One line of `--json`.
+#[derive(Clone, Debug, Serialize)]
+struct Row {
+    log: String,
+    estimator: &'static str,
+    #[serde(flatten)]
+    row: SweepRow,
+}
+
+#[derive(Serialize)]
+struct Rows<'a> {
+    rows: &'a [Row],
+}
+
+/// One log with one estimator.
+struct Job {
+    path: PathBuf,
+    settings: Settings,
 }
 
 /// Runs the command.
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(_args: &EvaluateArgs) -> Result<(), Failure> {
+pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
+    if let Some(wrong) = args.lengths.iter().find(|l| !(l.is_finite() && **l > 0.0)) {
+        return Err(Failure::Usage(format!("--lengths: {wrong} is not a length in seconds")));
+    }
+    if args.starts == 0 {
+        return Err(Failure::Usage("--starts: at least one".into()));
+    }
+    let mut jobs = Vec::new();
+    for path in &args.logs {
+        for name in &args.estimator {
+            let mut source = args.settings.clone();
+            source.set.push(format!("observer.estimator={name}"));
+            // How far it drifts is the question: an estimate that is called lost is scored as well.
+            let settings = source.load()?;
+            jobs.push(Job { path: path.clone(), settings });
+        }
+    }
+    let bar = if args.json || !std::io::stderr().is_terminal() {
+        ProgressBar::hidden()
+    } else {
+        let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {msg} {eta}");
+        ProgressBar::new(jobs.len() as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    };
+    let rows = work(&jobs, args, &bar)?;
+    bar.finish_and_clear();
+    if args.json {
+        let text = serde_json::to_string(&Rows { rows: &rows }).map_err(|e| Failure::Other(e.to_string()))?;
+        println!("{text}");
+    } else {
+        print_table(&rows, args);
+    }
     Ok(())
+}
+
+/// All jobs on some threads; rows in the order of the jobs.
+fn work(jobs: &[Job], args: &EvaluateArgs, bar: &ProgressBar) -> Result<Vec<Row>, Failure> {
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let threads = if args.jobs == 0 { cores } else { args.jobs }.min(jobs.len()).max(1);
+    let next = Mutex::new(0usize);
+    let done: Mutex<Vec<Option<Result<Vec<Row>, LogError>>>> =
+        Mutex::new(jobs.iter().map(|_| None).collect());
+    thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let i = match next.lock() {
+                        Ok(mut n) if *n < jobs.len() => {
+                            *n += 1;
+                            *n - 1
+                        }
+                        _ => return,
+                    };
+                    let result = one(&jobs[i], args);
+                    if let Ok(mut done) = done.lock() {
+                        done[i] = Some(result);
+                    }
+                    bar.inc(1);
+                }
+            });
+        }
+    });
+    let done = done.into_inner().map_err(|_| Failure::Other("a worker failed".into()))?;
+    let mut rows = Vec::new();
+    for result in done.into_iter().flatten() {
+        rows.extend(result?);
+    }
+    Ok(rows)
+}
+
+fn one(job: &Job, args: &EvaluateArgs) -> Result<Vec<Row>, LogError> {
+    let log = Log::open(&job.path, job.settings.system)?;
+    let flight = airborne(&log)?;
+    let rows = sweep(&log, &job.settings.pipeline, flight, &args.lengths, args.starts)?;
+    let estimator = job.settings.pipeline.navigator.estimator.label();
+    Ok(rows.into_iter().map(|row| Row { log: name(&job.path), estimator, row }).collect())
+}
+
+fn name(path: &Path) -> String {
+    path.display().to_string()
+}
+
+fn print_table(rows: &[Row], args: &EvaluateArgs) {
+    println!(
+        "Horizontal error at the end of an outage: median / worst m, drift in % of distance (median), error over sigma (median)"
+    );
+    let mut table = Table::new(&[
+        "log",
+        "estimator",
+        "length s",
+        "n",
+        "median m",
+        "worst m",
+        "drift %",
+        "error/sigma",
+        "altitude m",
+    ]);
+    for path in &args.logs {
+        let log = name(path);
+        for estimator in [Estimator::Shipped, Estimator::Nlo, Estimator::NloPrinted, Estimator::Inertial] {
+            for &length in &args.lengths {
+                let group: Vec<&SweepRow> = rows
+                    .iter()
+                    .filter(|r| r.log == log && r.estimator == estimator.label() && r.row.length_s == length)
+                    .map(|r| &r.row)
+                    .collect();
+                if group.is_empty() {
+                    continue;
+                }
+                let of = |f: fn(&SweepRow) -> Option<f64>| -> Vec<f64> {
+                    group.iter().filter_map(|r| f(r)).collect()
+                };
+                let errors = of(|r| r.horizontal_error_end_m);
+                let worst =
+                    errors.iter().copied().fold(None, |m: Option<f64>, e| Some(m.map_or(e, |m| m.max(e))));
+                let ratio = of(|r| Some(r.horizontal_error_end_m? / r.sigma_end_m.filter(|s| *s > 0.0)?));
+                let short = path.file_stem().map_or(log.clone(), |s| s.to_string_lossy().into_owned());
+                table.row(vec![
+                    short,
+                    estimator.label().into(),
+                    format!("{length}"),
+                    errors.len().to_string(),
+                    number(median(errors), 1),
+                    number(worst, 1),
+                    number(median(of(|r| r.drift_percent)), 2),
+                    number(median(ratio), 2),
+                    number(median(of(|r| r.altitude_rmse_m)), 2),
+                ]);
+            }
+        }
+    }
+    table.print();
+}
+
+fn median(mut v: Vec<f64>) -> Option<f64> {
+    v.sort_by(f64::total_cmp);
+    match v.len() {
+        0 => None,
+        n if n % 2 == 1 => Some(v[n / 2]),
+        n => Some(0.5 * (v[n / 2 - 1] + v[n / 2])),
+    }
 }

@@ -112,7 +112,9 @@ pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<
         ));
     }
     if heard[SampleKind::Gnss as usize] == 0 {
-        return Some(format!("no GNSS (GPS_RAW_INT): there is no place to start from; it holds {heard_names}"));
+        return Some(format!(
+            "no GNSS (GPS_RAW_INT): there is no place to start from; it holds {heard_names}"
+        ));
     }
     None
 }
@@ -168,13 +170,23 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
             .into_iter()
             .map(|k| {
                 let s = &streams[k as usize];
-                StreamReport { kind: k.label(), count: s.n, rate_hz: s.rate_hz(), longest_gap_s: s.longest_gap_s }
+                StreamReport {
+                    kind: k.label(),
+                    count: s.n,
+                    rate_hz: s.rate_hz(),
+                    longest_gap_s: s.longest_gap_s,
+                }
             })
             .collect(),
         truth,
         messages: messages
             .into_iter()
-            .map(|((system, component, _), (message, count))| MessageReport { system, component, message, count })
+            .map(|((system, component, _), (message, count))| MessageReport {
+                system,
+                component,
+                message,
+                count,
+            })
             .collect(),
         can: abilities(&heard, truth),
         lacks: lacking(&heard, duration_s),
@@ -243,7 +255,12 @@ fn print_report(r: &InspectReport, summary: &crate::replay::log::LogSummary) {
     println!("\nMessages");
     let mut table = Table::new(&["message", "system", "component", "count"]);
     for m in &r.messages {
-        table.row(vec![m.message.clone(), m.system.to_string(), m.component.to_string(), m.count.to_string()]);
+        table.row(vec![
+            m.message.clone(),
+            m.system.to_string(),
+            m.component.to_string(),
+            m.count.to_string(),
+        ]);
     }
     table.print();
 }

@@ -53,8 +53,7 @@ pub struct ReplayArgs {
 pub fn parse_interval(text: &str) -> Result<(f64, f64), String> {
     let wrong = || format!("\"{text}\" is not an interval: expected A..B in seconds with 0 <= A < B");
     let (a, b) = text.split_once("..").ok_or_else(wrong)?;
-    let (a, b): (f64, f64) =
-        (a.trim().parse().map_err(|_| wrong())?, b.trim().parse().map_err(|_| wrong())?);
+    let (a, b): (f64, f64) = (a.trim().parse().map_err(|_| wrong())?, b.trim().parse().map_err(|_| wrong())?);
     if a >= 0.0 && a < b && b.is_finite() { Ok((a, b)) } else { Err(wrong()) }
 }
 
@@ -160,7 +159,12 @@ fn print_report(
 ) {
     let vehicle = log.vehicle();
     println!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, vehicle.autopilot, vehicle.system.0);
-    println!("  {} frames, {:.0} times real time, estimator {}", r.frames, r.realtime_factor, estimator.label());
+    println!(
+        "  {} frames, {:.0} times real time, estimator {}",
+        r.frames,
+        r.realtime_factor,
+        estimator.label()
+    );
     let rejects: Vec<String> = summary.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
     if !rejects.is_empty() {
         println!("  not used: {}", rejects.join(", "));
@@ -179,7 +183,8 @@ fn print_report(
             continue;
         }
         let tally = runner.pipeline.navigator.tally();
-        let why: Vec<String> = tally.rejected(kind).map(|(reason, n)| format!("{n} {}", reason.label())).collect();
+        let why: Vec<String> =
+            tally.rejected(kind).map(|(reason, n)| format!("{n} {}", reason.label())).collect();
         table.row(vec![kind.label().into(), heard.to_string(), tally.used(kind).to_string(), why.join(", ")]);
     }
     table.print();
@@ -219,8 +224,16 @@ fn print_report(
     );
     if !r.outages.is_empty() {
         println!("\nOutages, against {against}");
-        let mut table =
-            Table::new(&["from..to s", "distance m", "error m", "max m", "drift %", "sigma m", "altitude m", "sent"]);
+        let mut table = Table::new(&[
+            "from..to s",
+            "distance m",
+            "error m",
+            "max m",
+            "drift %",
+            "sigma m",
+            "altitude m",
+            "sent",
+        ]);
         for o in &r.outages {
             table.row(vec![
                 format!("{}..{}", o.start_s, o.end_s),
@@ -260,7 +273,9 @@ impl SolutionCsv {
     }
 
     fn note(&mut self, runner: &Runner, item: &Item) {
-        let (Item::Sample(crate::sample::Sample::Imu(_)), Some(s)) = (item, runner.solution()) else { return };
+        let (Item::Sample(crate::sample::Sample::Imu(_)), Some(s)) = (item, runner.solution()) else {
+            return;
+        };
         if self.failed.is_some() || self.due.is_some_and(|due| s.time < due) {
             return;
         }

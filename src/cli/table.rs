@@ -22,8 +22,9 @@ impl Table {
             .collect();
         for row in &self.rows {
             let cells = row.iter().zip(&width).enumerate();
-            let line: Vec<String> =
-                cells.map(|(i, (s, &w))| if i == 0 { format!("{s:<w$}") } else { format!("{s:>w$}") }).collect();
+            let line: Vec<String> = cells
+                .map(|(i, (s, &w))| if i == 0 { format!("{s:<w$}") } else { format!("{s:>w$}") })
+                .collect();
             println!("  {}", line.join("  ").trim_end());
         }
     }

@@ -184,7 +184,10 @@ mod tests {
         let schema = schema();
         let limits = schema.limits();
         for (key, limit) in limits {
-            assert!(*limit != Limit::Free || key == "link.endpoints", "{key} has neither a range nor choices");
+            assert!(
+                *limit != Limit::Free || key == "link.endpoints",
+                "{key} has neither a range nor choices"
+            );
         }
         assert!(limits.len() > 60);
         assert_eq!(limits["gnss.loss_s"], Limit::Range(0.2, 60.0));

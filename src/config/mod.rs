@@ -116,7 +116,8 @@ impl Settings {
         merger = merger.add_source(environment);
         for text in &sources.overrides {
             let name = format!("--set {text}");
-            let toml = override_toml(text).ok_or_else(|| ConfigError::one(&name, "", "expected key=value"))?;
+            let toml =
+                override_toml(text).ok_or_else(|| ConfigError::one(&name, "", "expected key=value"))?;
             let tree = parse_toml(&name, &toml)?;
             problems.extend(schema.check(&name, &tree));
             merger = merger.add_source(File::from_str(&toml, FileFormat::Toml));
@@ -132,7 +133,8 @@ impl Settings {
 }
 
 fn read(path: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path).map_err(|e| ConfigError::one(&path.display().to_string(), "", &e.to_string()))
+    std::fs::read_to_string(path)
+        .map_err(|e| ConfigError::one(&path.display().to_string(), "", &e.to_string()))
 }
 
 fn parse_toml(name: &str, text: &str) -> Result<Value, ConfigError> {
@@ -260,8 +262,10 @@ mod tests {
         assert!(m.contains("--set") && m.contains("outbound.rate_hz"), "{m}");
         let sources = Sources { overrides: vec!["nonsense".into()], ..Sources::default() };
         assert!(message(Settings::load(&sources)).contains("key=value"));
-        let sources =
-            Sources { environment: vec![("HOLDOVER_OUTBOUND__RAT".into(), "1".into())], ..Sources::default() };
+        let sources = Sources {
+            environment: vec![("HOLDOVER_OUTBOUND__RAT".into(), "1".into())],
+            ..Sources::default()
+        };
         assert!(message(Settings::load(&sources)).contains("outbound.rat"));
     }
 

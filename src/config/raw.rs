@@ -7,7 +7,8 @@ use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
 use crate::geo::so3::Euler;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::settings::{
-    Estimator, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings, ObserverSettings, RejoinSettings,
+    Estimator, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings, ObserverSettings,
+    RejoinSettings,
 };
 use crate::navigator::trust::TrustSettings;
 use crate::outbound::{Carriage, OutboundSettings, Profile, Publish};

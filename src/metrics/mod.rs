@@ -27,9 +27,8 @@ pub struct ReferenceState {
 impl ReferenceState {
     /// Truth in a local frame; `None` if it has no position.
     pub fn from_truth(truth: &TruthState, frame: &LocalNed) -> Option<Self> {
-        let r_body_to_ned = truth
-            .body_to_ned
-            .and_then(|q| so3::from_quaternion(&nalgebra::Vector4::new(q.w, q.i, q.j, q.k)));
+        let r_body_to_ned =
+            truth.body_to_ned.and_then(|q| so3::from_quaternion(&nalgebra::Vector4::new(q.w, q.i, q.j, q.k)));
         Some(Self {
             time: truth.time,
             position_ned: frame.to_ned(&truth.position?),

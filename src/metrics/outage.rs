@@ -107,8 +107,10 @@ impl OutageScore {
     /// As numbers.
     pub fn report(&self) -> OutageReport {
         let compared = self.last.is_some();
-        let drift =
-            self.end_error_m.filter(|_| self.distance_m > LEAST_DISTANCE_M).map(|e| 100.0 * e / self.distance_m);
+        let drift = self
+            .end_error_m
+            .filter(|_| self.distance_m > LEAST_DISTANCE_M)
+            .map(|e| 100.0 * e / self.distance_m);
         OutageReport {
             start_s: self.start_s,
             end_s: self.end_s,

@@ -117,8 +117,12 @@ impl Navigator {
             height_m,
             quality: s.quality,
         };
-        let noise =
-            PatchNoise { flow_rad: settings.rate_noise_radps * dt, rotation_rad: 0.0, distance_m: 0.05, distance_fraction: 0.0 };
+        let noise = PatchNoise {
+            flow_rad: settings.rate_noise_radps * dt,
+            rotation_rad: 0.0,
+            distance_m: 0.05,
+            distance_fraction: 0.0,
+        };
         let seen = single_patch::solve(&patch, mount, &r, &settings.limits, &noise)?;
         // Two rows from the camera, one from the climb rate.
         let c = &seen.body_to_measurement;
@@ -142,7 +146,8 @@ impl Navigator {
 
     /// Distance along the optical axis if it is measured, and else the height over ground.
     fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
-        let ranged = self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
+        let ranged =
+            self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
         // The beam points along body z.
         let measured = ranged.map(|(_, d)| d * self.r_body_to_ned[(2, 2)] / cosine.max(0.1));
         let height = self.height.height_m().zip(self.ground_m).map(|(height, ground)| height - ground);

@@ -49,11 +49,17 @@ impl Navigator {
         let Some(mut state) = self.state else {
             return Verdict::Rejected(Reason::NoReferenceYet);
         };
-        let report = self.observe(&mut state, s, dt, &place);
+        // The streams carry instantaneous values; over the interval the mean of its two ends is nearer to the truth than either.
+        let mean = self.last_sample.replace(*s).map_or(*s, |last| ImuSample {
+            time: s.time,
+            angular_rate_body: 0.5 * (last.angular_rate_body + s.angular_rate_body),
+            specific_force_body: 0.5 * (last.specific_force_body + s.specific_force_body),
+        });
+        let report = self.observe(&mut state, &mean, dt, &place);
         match (report, state.is_finite()) {
             (Some(report), true) => {
                 self.state = Some(state);
-                self.after_step(s, dt, &report, &place);
+                self.after_step(&mean, dt, &report, &place);
             }
             _ => {
                 self.state = None;
@@ -197,6 +203,7 @@ impl Navigator {
         self.predictor.clear();
         self.flow_body = None;
         self.range = None;
+        self.last_sample = None;
         self.latency.interrupt();
         let to = match self.modes.mode() {
             Mode::Aligning => return,

@@ -23,7 +23,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
 use crate::observer::{FusiniBiases, FusiniParams, GripParams, ObserverState, Predictor, Scheme};
-use crate::sample::Sample;
+use crate::sample::{ImuSample, Sample};
 use crate::time::{ApTime, Span};
 
 use budget::ErrorBudget;
@@ -93,6 +93,7 @@ pub struct Navigator {
     offset_ned: Vector3<f64>,
     reset_counter: u8,
     last_imu: Option<ApTime>,
+    last_sample: Option<ImuSample>,
     angular_rate_body: Vector3<f64>,
     r_body_to_ned: Matrix3<f64>,
     events: Vec<Event>,
@@ -139,6 +140,7 @@ impl Navigator {
             offset_ned: Vector3::zeros(),
             reset_counter: 0,
             last_imu: None,
+            last_sample: None,
             angular_rate_body: Vector3::zeros(),
             r_body_to_ned: Matrix3::identity(),
             events: Vec::with_capacity(64),
@@ -288,11 +290,7 @@ impl Navigator {
 const MAGNETIC_AGE_S: f64 = 0.5;
 
 fn tuned_grip(settings: &NavigatorSettings) -> GripParams {
-    GripParams {
-        k_p: Vector3::repeat(settings.observer.k_p),
-        k_i: settings.observer.k_i,
-        ..GripParams::km()
-    }
+    GripParams { k_p: Vector3::repeat(settings.observer.k_p), k_i: settings.observer.k_i, ..GripParams::km() }
 }
 
 fn tuned_fusini(settings: &NavigatorSettings) -> FusiniParams {

@@ -108,11 +108,14 @@ impl Log {
         if frames == 0 {
             let mut first = [0; 64];
             let n = File::open(path).and_then(|mut f| f.read(&mut first)).map_err(io_error)?;
-            let hint = describe_foreign(&first[..n]).unwrap_or("not a telemetry log, or damaged beyond reading");
+            let hint =
+                describe_foreign(&first[..n]).unwrap_or("not a telemetry log, or damaged beyond reading");
             return Err(LogError::NotATlog { path: path.to_owned(), hint });
         }
-        let heard: Vec<String> = heard.iter().take(12).map(|(s, n)| format!("{} ({n} frames)", s.0)).collect();
-        let wanted = system.map_or("any autopilot".to_owned(), |s| format!("an autopilot with system id {}", s.0));
+        let heard: Vec<String> =
+            heard.iter().take(12).map(|(s, n)| format!("{} ({n} frames)", s.0)).collect();
+        let wanted =
+            system.map_or("any autopilot".to_owned(), |s| format!("an autopilot with system id {}", s.0));
         Err(LogError::NoVehicle { path: path.to_owned(), frames, wanted, heard: heard.join(", ") })
     }
 

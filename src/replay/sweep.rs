@@ -1,0 +1,161 @@
+//! Outages slid over a flight. The navigation with GNSS is run once; at every outage's start a copy of it goes on without.
+
+use serde::Serialize;
+
+use crate::pipeline::PipelineSettings;
+use crate::replay::log::{Log, LogError};
+use crate::replay::runner::Runner;
+use crate::sample::{Reference, Sample};
+use crate::time::ApTime;
+use crate::wire::decode::Item;
+
+/// One outage, scored.
+#[derive(Clone, Debug, Serialize)]
+pub struct SweepRow {
+    /// Length, s.
+    pub length_s: f64,
+    /// Start, s since the first sample.
+    pub start_s: f64,
+    /// Distance travelled, m.
+    pub distance_m: Option<f64>,
+    /// Horizontal error when it began, m.
+    pub start_error_m: Option<f64>,
+    /// Horizontal error at its end, m.
+    pub horizontal_error_end_m: Option<f64>,
+    /// Largest horizontal error, m.
+    pub horizontal_error_max_m: Option<f64>,
+    /// Error at the end over distance, %.
+    pub drift_percent: Option<f64>,
+    /// Altitude error, root mean square, m.
+    pub altitude_rmse_m: Option<f64>,
+    /// Standard deviation claimed at the end, m.
+    pub sigma_end_m: Option<f64>,
+}
+
+/// A vehicle this high above where it stood, or this fast, flies.
+const AIRBORNE_M: f64 = 2.0;
+const AIRBORNE_MPS: f64 = 5.0;
+/// Time that the navigation has to settle with GNSS in the air before the first outage, s.
+const SETTLE_S: f64 = 30.0;
+
+/// From when to when a log's vehicle flies, seconds since the first sample: truth where there is one, else GNSS.
+///
+/// # Errors
+/// What reading the log says.
+pub fn airborne(log: &Log) -> Result<Option<(f64, f64)>, LogError> {
+    let mut start: Option<ApTime> = None;
+    let mut ground: [Option<f64>; 2] = [None; 2];
+    let mut flying: [Option<(f64, f64)>; 2] = [None; 2];
+    log.play(
+        |_, _| {},
+        |_, item| {
+            let (time, source, height, speed) = match item {
+                Item::Sample(s) => {
+                    start.get_or_insert(s.time());
+                    match s {
+                        Sample::Gnss(g) => match g.position {
+                            Some(p) => {
+                                (g.time, 1, p.height_m, g.ground_velocity.map_or(0.0, |v| v.speed_mps))
+                            }
+                            None => return,
+                        },
+                        _ => return,
+                    }
+                }
+                Item::Reference(r) => {
+                    start.get_or_insert(r.time());
+                    match r {
+                        Reference::Truth(t) => match (t.position, t.velocity_ned) {
+                            (Some(p), Some(v)) => (t.time, 0, p.height_m, v.xy().norm()),
+                            _ => return,
+                        },
+                        _ => return,
+                    }
+                }
+                _ => return,
+            };
+            let t = start.map_or(0.0, |s| time.seconds_since(s));
+            let ground = ground[source].get_or_insert(height);
+            if height - *ground > AIRBORNE_M || speed > AIRBORNE_MPS {
+                flying[source] = Some(flying[source].map_or((t, t), |(from, _)| (from, t)));
+            }
+        },
+    )?;
+    Ok(flying[0].or(flying[1]))
+}
+
+/// Outages of all `lengths`, `starts` of each, spread evenly over the flight. A length that does not fit has no rows.
+///
+/// # Errors
+/// What reading the log says.
+pub fn sweep(
+    log: &Log,
+    settings: &PipelineSettings,
+    flight: Option<(f64, f64)>,
+    lengths: &[f64],
+    starts: usize,
+) -> Result<Vec<SweepRow>, LogError> {
+    let Some((from, to)) = flight else { return Ok(Vec::new()) };
+    let mut planned: Vec<(f64, f64)> = Vec::new();
+    for &length in lengths {
+        let (first, last) = (from + SETTLE_S, to - length);
+        if last < first {
+            continue;
+        }
+        let step = if starts > 1 { (last - first) / (starts - 1) as f64 } else { 0.0 };
+        planned.extend((0..starts).map(|i| (first + step * i as f64, length)));
+    }
+    planned.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut waiting = planned.into_iter().peekable();
+    let mut aided = Runner::new(settings, &[]);
+    aided.pipeline.follow(log.vehicle());
+    let mut forks: Vec<(f64, f64, Runner)> = Vec::new();
+    let mut rows = Vec::new();
+    log.play(
+        |_, _| {},
+        |clock, item| {
+            let now = match item {
+                Item::Sample(s) => Some(aided.seconds(s.time())),
+                _ => None,
+            };
+            if let Some(t) = now {
+                while let Some((start, length)) = waiting.next_if(|(start, _)| *start <= t) {
+                    let mut fork = aided.fork();
+                    fork.add_outage(start, start + length);
+                    forks.push((start, length, fork));
+                }
+                // A fork is done once samples are later than its end, with some room for late ones.
+                forks.retain(|(start, length, fork)| {
+                    let open = t < start + length + 1.0;
+                    if !open {
+                        rows.push(row(*start, *length, fork));
+                    }
+                    open
+                });
+            }
+            aided.take(clock, item);
+            for (_, _, fork) in &mut forks {
+                fork.take(clock, item);
+            }
+        },
+    )?;
+    rows.extend(forks.iter().map(|(start, length, fork)| row(*start, *length, fork)));
+    rows.sort_by(|a, b| a.length_s.total_cmp(&b.length_s).then(a.start_s.total_cmp(&b.start_s)));
+    Ok(rows)
+}
+
+fn row(start_s: f64, length_s: f64, fork: &Runner) -> SweepRow {
+    let outcome = fork.outcome();
+    let report = outcome.outages.last().copied();
+    SweepRow {
+        length_s,
+        start_s,
+        distance_m: report.and_then(|r| r.distance_m),
+        start_error_m: outcome.start_errors_m.last().copied().flatten(),
+        horizontal_error_end_m: report.and_then(|r| r.horizontal_error_end_m),
+        horizontal_error_max_m: report.and_then(|r| r.horizontal_error_max_m),
+        drift_percent: report.and_then(|r| r.drift_percent),
+        altitude_rmse_m: report.and_then(|r| r.altitude_rmse_m),
+        sigma_end_m: report.and_then(|r| r.sigma_end_m),
+    }
+}
