@@ -50,6 +50,9 @@ pub struct HeightFilter {
     started: bool,
     baro_started: bool,
     baro_rejected_s: f64,
+    last_baro_m: Option<f64>,
+    /// The barometer's rejection began with a step of its own.
+    baro_stepped: bool,
     gnss_quiet_s: f64,
 }
 
@@ -59,6 +62,10 @@ const H_GNSS: RowVector4<f64> = RowVector4::new(1.0, 0.0, 0.0, 0.0);
 const MAX_STEP_S: f64 = 0.1;
 /// Nothing else disputes the height when no GNSS height was used for this long, s.
 const GNSS_QUIET_S: f64 = 2.0;
+/// Steps below this are not told from noise, m.
+const STEP_FLOOR_M: f64 = 2.0;
+/// An inertial height that is off by 1 m has a climb rate that is off by this, 1/s.
+const ASTRAY_RATE: f64 = 0.5;
 
 impl HeightFilter {
     /// A filter that waits for its first height.
@@ -70,6 +77,8 @@ impl HeightFilter {
             started: false,
             baro_started: false,
             baro_rejected_s: 0.0,
+            last_baro_m: None,
+            baro_stepped: false,
             gnss_quiet_s: f64::INFINITY,
         }
     }
@@ -146,7 +155,27 @@ impl HeightFilter {
             return HeightVerdict::Used(0.0);
         }
         let z = altitude_m + self.x[1] * age_s;
-        let verdict = self.update(&H_BARO, z, self.settings.baro_noise_m);
+        // A step of the barometer comes from one sample to the next; an inertial height that has gone astray comes slowly.
+        let predicted = self.x[1] * interval_s;
+        let noise = self.settings.gate_sigma * self.settings.baro_noise_m * std::f64::consts::SQRT_2;
+        if self.last_baro_m.is_some_and(|last| (altitude_m - last - predicted).abs() > noise + STEP_FLOOR_M) {
+            self.baro_stepped = true;
+        }
+        if altitude_m.is_finite() {
+            self.last_baro_m = Some(altitude_m);
+        }
+        let mut verdict = self.update(&H_BARO, z, self.settings.baro_noise_m);
+        if let HeightVerdict::Rejected(_) = verdict
+            && !self.baro_stepped
+            && z.is_finite()
+            && self.gnss_quiet_s > GNSS_QUIET_S
+        {
+            // Nothing but the inertial height says otherwise: it has gone astray.
+            let innovation = z - self.x[0] - self.x[3];
+            self.p[(0, 0)] += innovation * innovation;
+            self.p[(1, 1)] += innovation * innovation * ASTRAY_RATE * ASTRAY_RATE;
+            verdict = self.update(&H_BARO, z, self.settings.baro_noise_m);
+        }
         match verdict {
             HeightVerdict::Rejected(_) => {
                 self.baro_rejected_s += interval_s;
@@ -156,7 +185,10 @@ impl HeightFilter {
                     return HeightVerdict::OffsetReset(step);
                 }
             }
-            _ => self.baro_rejected_s = 0.0,
+            _ => {
+                self.baro_rejected_s = 0.0;
+                self.baro_stepped = false;
+            }
         }
         verdict
     }
@@ -164,12 +196,14 @@ impl HeightFilter {
     /// The next pressure altitude is another barometer's: its offset is found anew, the height stays.
     pub fn another_barometer(&mut self) {
         self.baro_started = false;
+        self.last_baro_m = None;
     }
 
     /// Puts all of a pressure altitude's disagreement into the offset. The height stays.
     fn set_offset(&mut self, altitude_m: f64) {
         self.x[3] = altitude_m - self.x[0];
         self.baro_rejected_s = 0.0;
+        self.baro_stepped = false;
         for i in 0..3 {
             self.p[(i, 3)] = -self.p[(i, 0)];
             self.p[(3, i)] = -self.p[(0, i)];

@@ -3,6 +3,8 @@
 use crate::altimeter::{HeightVerdict, atmosphere::pressure_altitude_m};
 use crate::sample::{MagSample, PressureSample, RangeDirection, RangeSample};
 
+use crate::time::ApTime;
+
 use super::Navigator;
 use super::event::What;
 use super::verdict::{Reason, Verdict};
@@ -11,6 +13,11 @@ use super::verdict::{Reason, Verdict};
 const BARO_SILENCE_S: f64 = 1.0;
 /// Steepest tilt at which a range beam still measures the height over ground: cos 60°.
 const RANGE_MIN_COSINE: f64 = 0.5;
+/// The ground may step by this much, m, or this part of the height over it, from one sample to the next …
+const GROUND_STEP_M: f64 = 1.5;
+const GROUND_STEP_FRACTION: f64 = 0.2;
+/// … and by more when it stays there for this long, s.
+const GROUND_BELIEVED_S: f64 = 5.0;
 
 impl Navigator {
     pub(super) fn mag(&mut self, s: &MagSample) -> Verdict {
@@ -79,15 +86,40 @@ impl Navigator {
             return Verdict::Rejected(Reason::OutOfOrder);
         }
         // At their limits sensors report the limit.
-        let outside = |[low, high]: [f64; 2]| s.distance_m <= low || s.distance_m >= 0.98 * high;
+        let outside = |[low, high]: [f64; 2]| s.distance_m <= 1.05 * low || s.distance_m >= 0.98 * high;
         if s.distance_m <= 0.0 || s.limits_m.is_some_and(outside) {
             return Verdict::Rejected(Reason::OutOfRange);
         }
-        self.range = Some((s.time, s.distance_m));
         let cosine = self.r_body_to_ned[(2, 2)];
-        if let (Some(height), true) = (self.height.height_m(), cosine > RANGE_MIN_COSINE) {
-            self.ground_m = Some(height - s.distance_m * cosine);
+        let Some(height) = self.height.height_m().filter(|_| cosine > RANGE_MIN_COSINE) else {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        };
+        let ground = height - s.distance_m * cosine;
+        if let Some(known) = self.ground_m
+            && !self.plausible_ground(s.time, ground - known, height - known)
+        {
+            return Verdict::Rejected(Reason::Innovation);
         }
+        self.ground_disputed_since = None;
+        self.range = Some((s.time, s.distance_m));
+        self.ground_m = Some(ground);
         Verdict::Used
+    }
+
+    /// Whether the ground may be this much higher than it was. A stuck rangefinder makes the ground climb with the vehicle; a
+    /// roof or a cliff stays where it is, and is believed after a while.
+    fn plausible_ground(&mut self, now: ApTime, rise_m: f64, above_m: f64) -> bool {
+        if rise_m.abs() < GROUND_STEP_M.max(GROUND_STEP_FRACTION * above_m) {
+            return true;
+        }
+        match self.ground_disputed_since {
+            Some((since, rise)) if (rise_m - rise).abs() < 0.5 * GROUND_STEP_M => {
+                now.seconds_since(since) > GROUND_BELIEVED_S
+            }
+            _ => {
+                self.ground_disputed_since = Some((now, rise_m));
+                false
+            }
+        }
     }
 }

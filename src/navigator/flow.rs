@@ -21,6 +21,9 @@ const GATE_SIGMA: f64 = 5.0;
 const RELOCK_S: f64 = 1.0;
 /// The interval that a flow rate without one is taken over, s.
 const RATE_INTERVAL_S: f64 = 0.05;
+/// How far a flow message's own distance may be from the height over ground, m, and as a part of it.
+const DISTANCE_TOLERANCE_M: f64 = 1.5;
+const DISTANCE_TOLERANCE: f64 = 0.3;
 /// The interval taken for the first sample, s.
 const FIRST_INTERVAL_S: f64 = 0.05;
 
@@ -144,14 +147,20 @@ impl Navigator {
         })
     }
 
-    /// Distance along the optical axis if it is measured, and else the height over ground.
+    /// Distance along the optical axis if it is measured, and else the height over ground. The rangefinder's own message comes with
+    /// limits and is checked; the distance in the flow's message is taken only where there is no rangefinder, and where it does not
+    /// contradict the height.
     fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
-        let ranged =
-            self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
-        // The beam points along body z.
-        let measured = ranged.map(|(_, d)| d * self.r_body_to_ned[(2, 2)] / cosine.max(0.1));
         let height = self.height.height_m().zip(self.ground_m).map(|(height, ground)| height - ground);
-        (s.distance_m.or(measured), height)
+        let ranged = self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
+        let measured = match ranged {
+            // The beam points along body z.
+            Some((_, d)) => Some(d * self.r_body_to_ned[(2, 2)] / cosine.max(0.1)),
+            None => s.distance_m.filter(|d| {
+                height.is_none_or(|h| (d * cosine - h).abs() < DISTANCE_TOLERANCE_M.max(DISTANCE_TOLERANCE * h))
+            }),
+        };
+        (measured, height)
     }
 
     /// While aligning without a magnetometer the flow is the only horizontal direction in body axes.

@@ -86,6 +86,8 @@ pub struct Navigator {
     pressure: Option<(ApTime, u8)>,
     /// Height of the ground above the origin, where the rangefinder last saw it or the navigation began, m.
     ground_m: Option<f64>,
+    /// Since when the rangefinder has seen the ground elsewhere, and by how much, m.
+    ground_disputed_since: Option<(ApTime, f64)>,
     modes: ModeState,
     budget: Option<ErrorBudget>,
     carrier: Carrier,
@@ -134,6 +136,7 @@ impl Navigator {
             range: None,
             pressure: None,
             ground_m: None,
+            ground_disputed_since: None,
             modes: ModeState::new(),
             budget: None,
             carrier: Carrier::Gnss,

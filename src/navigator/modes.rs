@@ -89,7 +89,10 @@ impl Navigator {
                     self.enter_holdover(now);
                 }
             }
-            Mode::Holdover => self.advance_holdover(now, dt),
+            Mode::Holdover => {
+                self.grow(now, dt);
+                self.give_up_if_uncertain(now);
+            }
             Mode::Rejoining => {
                 if trusted {
                     self.glide(now, dt);
@@ -98,7 +101,7 @@ impl Navigator {
                 }
             }
             // The way out of Lost is a GNSS that is trusted again: see `came_back`.
-            Mode::Lost => {}
+            Mode::Lost => self.grow(now, dt),
         }
     }
 
@@ -159,7 +162,8 @@ impl Navigator {
         self.change_mode(now, Mode::Holdover, Why::GnssLost(fault));
     }
 
-    fn advance_holdover(&mut self, now: ApTime, dt: f64) {
+    /// The uncertainty of dead reckoning grows.
+    fn grow(&mut self, now: ApTime, dt: f64) {
         let flowing =
             self.flow_body.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S) && self.flows_carry();
         self.carrier = if flowing { Carrier::Flow } else { Carrier::Inertial };
@@ -170,6 +174,9 @@ impl Navigator {
             self.modes.coasting_since.get_or_insert(now);
         }
         self.glide_step(dt);
+    }
+
+    fn give_up_if_uncertain(&mut self, now: ApTime) {
         let limits = &self.settings.holdover;
         let sigma = self.solution().map_or(f64::INFINITY, |s| s.horizontal_sigma_m());
         let coasted = self.modes.coasting_since.map_or(0.0, |t| now.seconds_since(t));

@@ -355,8 +355,8 @@ impl GnssTrust {
         }
         let window = time.seconds_since(from.time);
         self.run_away_ne = (position_ne - from.position_ne) - (travelled_ne - from.travelled_ne);
-        // Receivers filter position and velocity differently: a tenth of a second of the change of velocity is no lie.
-        let slack = 0.1 * (velocity_ne - from.velocity_ne).norm();
+        // Receivers filter position and velocity differently: some tenths of a second of the change of velocity are no lie.
+        let slack = 0.25 * (velocity_ne - from.velocity_ne).norm();
         if stepped {
             Motion::Stepped
         } else if self.run_away_ne.norm() > s.consistency_limit_m + s.consistency_rate_mps * window + slack {
