@@ -151,6 +151,7 @@ struct Observer {
     estimator: Estimator,
     k_p: f64,
     k_i: f64,
+    start_s: f64,
     holdover_k_p_factor: f64,
     holdover_k_vv: f64,
     holdover_k_xv: f64,
@@ -301,6 +302,7 @@ impl Raw {
             observer: ObserverSettings {
                 k_p: o.k_p,
                 k_i: o.k_i,
+                start_s: o.start_s,
                 holdover_k_p_factor: o.holdover_k_p_factor,
                 holdover_k_vv: o.holdover_k_vv,
                 holdover_k_xv: o.holdover_k_xv,

@@ -152,12 +152,14 @@ impl Navigator {
     /// contradict the height.
     fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
         let height = self.height.height_m().zip(self.ground_m).map(|(height, ground)| height - ground);
-        let ranged = self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
+        let ranged =
+            self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
         let measured = match ranged {
             // The beam points along body z.
             Some((_, d)) => Some(d * self.r_body_to_ned[(2, 2)] / cosine.max(0.1)),
             None => s.distance_m.filter(|d| {
-                height.is_none_or(|h| (d * cosine - h).abs() < DISTANCE_TOLERANCE_M.max(DISTANCE_TOLERANCE * h))
+                height
+                    .is_none_or(|h| (d * cosine - h).abs() < DISTANCE_TOLERANCE_M.max(DISTANCE_TOLERANCE * h))
             }),
         };
         (measured, height)

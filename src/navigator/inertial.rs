@@ -121,7 +121,9 @@ impl Navigator {
                 position_error_ned,
                 velocity_error_ned,
             };
-            let params = if self.modes.mode() == Mode::Aligning { &self.grip_start } else { &self.grip };
+            let starting = self.modes.mode() == Mode::Aligning
+                || self.modes.seconds_since_attitude(s.time) < self.settings.observer.start_s;
+            let params = if starting { &self.grip_start } else { &self.grip };
             return grip::step(params, state, &input).ok();
         }
         let input = FusiniInput {
@@ -187,6 +189,7 @@ impl Navigator {
         };
         if let Some(r) = guess {
             self.r_body_to_ned = r;
+            self.modes.attitude_started(s.time);
             self.state = Some(ObserverState::new(r, Vector3::zeros(), Vector3::zeros()));
         }
     }

@@ -28,6 +28,8 @@ const UNKNOWN_MPS: f64 = 100.0;
 pub(super) struct ModeState {
     mode: Mode,
     started: Option<ApTime>,
+    /// When the attitude got its first guess.
+    attitude_started: Option<ApTime>,
     /// Since when the injection has been small.
     calm_since: Option<ApTime>,
     coasting_since: Option<ApTime>,
@@ -35,7 +37,13 @@ pub(super) struct ModeState {
 
 impl ModeState {
     pub(super) fn new() -> Self {
-        Self { mode: Mode::Aligning, started: None, calm_since: None, coasting_since: None }
+        Self {
+            mode: Mode::Aligning,
+            started: None,
+            attitude_started: None,
+            calm_since: None,
+            coasting_since: None,
+        }
     }
 
     pub(super) fn mode(&self) -> Mode {
@@ -53,6 +61,14 @@ impl ModeState {
 
     pub(super) fn seconds_since_start(&self, now: ApTime) -> f64 {
         self.started.map_or(0.0, |t| now.seconds_since(t))
+    }
+
+    pub(super) fn attitude_started(&mut self, time: ApTime) {
+        self.attitude_started = Some(time);
+    }
+
+    pub(super) fn seconds_since_attitude(&self, now: ApTime) -> f64 {
+        self.attitude_started.map_or(0.0, |t| now.seconds_since(t))
     }
 
     /// Takes the norm of the attitude injection: small for long enough is an attitude found.

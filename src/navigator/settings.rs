@@ -98,6 +98,8 @@ pub struct ObserverSettings {
     pub k_p: f64,
     /// k_I, 1/s.
     pub k_i: f64,
+    /// The start-up gains are in force for this long after the first guess of the attitude, s.
+    pub start_s: f64,
     /// Factor on K_P in holdover.
     pub holdover_k_p_factor: f64,
     /// K'_vv, 1/s.

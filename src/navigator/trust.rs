@@ -153,8 +153,9 @@ pub struct GnssTrust {
     track: Vec<Track>,
     oldest: usize,
     run_away_ne: Vector2<f64>,
-    /// Mean square innovation of good fixes: what this receiver and this vehicle normally show.
+    /// Mean square of the step from fix to fix beyond the velocity's, m²: what this receiver normally shows.
     position_ms: f64,
+    /// Mean square velocity innovation of good fixes, m²/s².
     velocity_ms: f64,
 }
 
@@ -162,6 +163,8 @@ pub struct GnssTrust {
 const TRACK_LEN: usize = 128;
 /// A hole in the fixes longer than this ends the comparison of positions with velocities, s.
 const TRACK_HOLE_S: f64 = 1.0;
+/// Gain of the running mean squares: some 50 fixes.
+const NORMAL_GAIN: f64 = 0.02;
 
 impl GnssTrust {
     /// Nothing heard yet.
@@ -176,7 +179,7 @@ impl GnssTrust {
             track: Vec::with_capacity(TRACK_LEN),
             oldest: 0,
             run_away_ne: Vector2::zeros(),
-            position_ms: 1.0,
+            position_ms: 0.25,
             velocity_ms: 0.1,
         }
     }
@@ -229,9 +232,8 @@ impl GnssTrust {
         let Some(i) = innovation else {
             return if motion == Motion::RanAway { Err(GnssFault::Inconsistent) } else { Ok(Standing::Near) };
         };
-        let position_sigma = self.position_ms.sqrt().hypot(i.position_sigma_m);
         let velocity_sigma = self.velocity_ms.sqrt().hypot(i.velocity_sigma_mps);
-        let jumped = i.position_m > (s.gate_sigma * position_sigma).max(s.min_position_gate_m);
+        let jumped = i.position_m > self.position_gate(i.position_sigma_m);
         let surged =
             i.velocity_mps.is_some_and(|v| v > (s.gate_sigma * velocity_sigma).max(s.min_velocity_gate_mps));
         if self.trusted() && jumped {
@@ -246,11 +248,16 @@ impl GnssTrust {
         if surged {
             return Err(GnssFault::VelocityJump);
         }
-        self.position_ms += 0.02 * ((i.position_m * i.position_m).min(25.0) - self.position_ms);
         if let Some(v) = i.velocity_mps {
-            self.velocity_ms += 0.02 * ((v * v).min(4.0) - self.velocity_ms);
+            self.velocity_ms += NORMAL_GAIN * ((v * v).min(4.0) - self.velocity_ms);
         }
         Ok(Standing::Near)
+    }
+
+    /// What lies further off is a jump: many times what this receiver normally shows, and what the prediction may be wrong.
+    fn position_gate(&self, prediction_sigma_m: f64) -> f64 {
+        let sigma = self.position_ms.sqrt().hypot(prediction_sigma_m);
+        (self.settings.gate_sigma * sigma).max(self.settings.min_position_gate_m)
     }
 
     /// Notes that a fix passed every test. True when GNSS became trusted by it.
@@ -326,7 +333,11 @@ impl GnssTrust {
                 } else {
                     let moved = (last.velocity_ne + velocity_ne) * (0.5 * dt);
                     let travelled = last.travelled_ne + moved;
-                    stepped = (position_ne - last.position_ne - moved).norm() > s.min_position_gate_m;
+                    let step = (position_ne - last.position_ne - moved).norm();
+                    stepped = step > self.position_gate(0.0);
+                    if !stepped {
+                        self.position_ms += NORMAL_GAIN * (step * step - self.position_ms);
+                    }
                     if stepped {
                         // Positions before and after a step are not comparable.
                         self.forget_track();
