@@ -345,13 +345,11 @@ fn a_hole_in_the_imu_ends_the_solution_and_a_reboot_begins_anew() {
     };
     log.navigator.ingest(&Sample::Imu(imu));
     assert_eq!(log.navigator.mode(), Mode::Aligning);
-    let before = log.navigator.solution().unwrap().reset_counter;
     log.navigator.reboot(at(63.0));
     assert!(log.navigator.solution().is_none());
     assert_eq!(log.navigator.mode(), Mode::Aligning);
     log.navigator.ingest(&Sample::Imu(ImuSample { time: at(64.0), ..imu }));
-    log.navigator.ingest(&Sample::Imu(ImuSample { time: at(64.01), ..imu }));
-    let _ = before;
+    assert_eq!(log.navigator.mode(), Mode::Aligning);
 }
 
 #[test]
