@@ -11,6 +11,7 @@ use crate::navigator::settings::{
     RejoinSettings,
 };
 use crate::navigator::trust::TrustSettings;
+use crate::observer::eskf::EskfSettings;
 use crate::outbound::{Carriage, OutboundSettings, Profile, Publish};
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
@@ -32,6 +33,7 @@ pub(super) struct Raw {
     range: Range,
     height: Height,
     observer: Observer,
+    kalman: Kalman,
     holdover: Holdover,
     rejoin: Rejoin,
     outbound: Outbound,
@@ -81,6 +83,7 @@ struct Imu {
 struct Magnetometer {
     r#use: bool,
     max_norm_error: f64,
+    noise_ut: f64,
 }
 
 #[derive(Deserialize)]
@@ -158,6 +161,20 @@ struct Observer {
     guard: f64,
     aligned_injection: f64,
     aligned_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kalman {
+    gyro_noise: f64,
+    accel_noise: f64,
+    gyro_bias_walk: f64,
+    accel_bias_walk: f64,
+    magnetic_bias_sigma_ut: f64,
+    magnetic_bias_walk_ut: f64,
+    flow_bias_walk: f64,
+    flow_scale_walk: f64,
+    gate_sigma: f64,
 }
 
 #[derive(Deserialize)]
@@ -270,6 +287,18 @@ impl Raw {
             imu_max_gap_s: self.imu.max_gap_ms * 1e-3,
             magnetometer: self.magnetometer.r#use,
             magnetometer_norm_error: self.magnetometer.max_norm_error,
+            magnetometer_sigma_t: self.magnetometer.noise_ut * 1e-6,
+            kalman: EskfSettings {
+                gyro_noise: self.kalman.gyro_noise,
+                accel_noise: self.kalman.accel_noise,
+                gyro_bias_walk: self.kalman.gyro_bias_walk,
+                accel_bias_walk: self.kalman.accel_bias_walk,
+                magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,
+                magnetic_bias_walk: self.kalman.magnetic_bias_walk_ut * 1e-6,
+                flow_bias_walk: self.kalman.flow_bias_walk,
+                flow_scale_walk: self.kalman.flow_scale_walk,
+                gate_sigma: self.kalman.gate_sigma,
+            },
             gnss: GnssSettings {
                 delay_s: g.delay_ms * 1e-3,
                 delay_sigma_s: g.delay_sigma_ms * 1e-3,

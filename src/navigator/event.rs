@@ -43,6 +43,8 @@ pub enum What {
     FlowDistrusted(u8, Distrust),
     /// The barometer stepped by this much, m; the height did not.
     BaroStep(f64),
+    /// The filter was started anew from the observer; their attitudes were this far apart, rad.
+    FilterRestarted(f64),
     /// GNSS heights are rejected (true), or used again (false).
     GnssHeightRejected(bool),
 }
@@ -98,6 +100,9 @@ impl fmt::Display for What {
             What::FlowTrusted(n) => write!(f, "flow {n} trusted"),
             What::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
             What::BaroStep(m) => write!(f, "barometer stepped by {m:.1} m"),
+            What::FilterRestarted(apart) => {
+                write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
+            }
             What::GnssHeightRejected(true) => write!(f, "GNSS height rejected"),
             What::GnssHeightRejected(false) => write!(f, "GNSS height used again"),
         }

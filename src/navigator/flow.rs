@@ -184,9 +184,14 @@ impl Navigator {
         let sensor = &mut self.flows[index];
         sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, m.interval_s);
         let trust = sensor.calibration.trust();
-        if trust != sensor.trust {
-            sensor.trust = trust;
-            let id = sensor.id;
+        let covariance = m.noise * sensor.calibration.noise_factor();
+        let changed = trust != sensor.trust;
+        sensor.trust = trust;
+        let id = sensor.id;
+        if trust.is_ok() && self.carries(index) {
+            self.fuse_flow(self.last_imu.unwrap_or(m.time), m.time, &m.v_xy, &m.r_body_to_ned, &covariance);
+        }
+        if changed {
             self.tell(
                 m.time,
                 trust.map_or_else(|why| What::FlowDistrusted(id, why), |()| What::FlowTrusted(id)),
@@ -204,7 +209,17 @@ impl Navigator {
         if sensor.trust.is_err() {
             return Verdict::Rejected(Reason::Distrusted);
         }
+        let covariance = m.noise * sensor.calibration.noise_factor();
         let corrected = sensor.calibration.correct(&m.v_xy);
+        let patient = sensor.outliers_s < RELOCK_S;
+        if self.carries(index)
+            && !self.fuse_flow(self.last_imu.unwrap_or(m.time), m.time, &m.v_xy, &m.r_body_to_ned, &covariance)
+            && patient
+        {
+            self.flows[index].outliers_s += m.interval_s;
+            return Verdict::Rejected(Reason::Innovation);
+        }
+        let sensor = &self.flows[index];
         let v_body = self.in_body(m, &corrected);
         let v_ned = m.r_body_to_ned * v_body;
         let fix = FixSample {
@@ -232,6 +247,11 @@ impl Navigator {
         let density = 0.5 * (m.noise * factor).trace() * m.interval_s;
         self.carried_by_flow(m.interval_s, &m.r_body_to_ned, &jacobian, &v_ned.xy(), density, m.ranged);
         Verdict::Used
+    }
+
+    /// Whether this sensor is the one that the filter uses: the first that is trusted.
+    fn carries(&self, index: usize) -> bool {
+        self.flows.iter().position(|f| f.trust.is_ok()) == Some(index)
     }
 
     fn restart_predictor(&mut self, v_ned: &Vector3<f64>) -> Verdict {

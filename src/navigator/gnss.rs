@@ -17,6 +17,8 @@ use super::verdict::{Reason, Verdict};
 const RECEIVER_SILENCE_S: f64 = 1.0;
 /// GNSS heights in a row that are rejected before it is told.
 const HEIGHT_REJECTIONS_TOLD: u32 = 10;
+/// A receiver's speed is not believed better than this, m/s.
+const LEAST_SPEED_SIGMA: f64 = 0.15;
 /// Vertical over horizontal accuracy of a receiver that claims none.
 const VERTICAL_RATIO: f64 = 1.5;
 
@@ -79,13 +81,9 @@ impl Navigator {
             sample = sample.with_horizontal_velocity(north, east);
         }
         let Some(innovation) = self.predictor.innovation(&sample) else { return Err(GnssFault::Untimely) };
-        // In dead reckoning the estimate, not the measurement signal, is what the fix has to be compared with.
-        let lag = match (self.modes.dead_reckoning(), self.predictor.latest()) {
-            (true, Some(w)) => (w.position_ned - state.position_ned).xy(),
-            _ => Vector2::zeros(),
-        };
-        let e_p = horizontal(&innovation.position_ned).map_or(Vector2::zeros(), |e| e + lag);
-        let e_v = horizontal(&innovation.velocity_ned);
+        // What the fix has to be compared with is the estimate at its time: the filter's, or in dead reckoning the observer's; with
+        // GNSS the observer follows the measurement signal.
+        let (e_p, e_v) = self.fix_errors(&innovation, measured, &p, v, state.position_ned);
         let judged = (self.modes.mode() != Mode::Aligning).then(|| {
             let sigma = self.solution().map_or((0.0, 0.0), |s| {
                 let v = &s.velocity_covariance;
@@ -106,13 +104,18 @@ impl Navigator {
         self.gnss_sigma_m += 0.1 * (claimed - self.gnss_sigma_m);
 
         match self.modes.mode() {
-            Mode::Holdover | Mode::Lost if regained => self.rejoin(now, &innovation, lag),
+            Mode::Holdover | Mode::Lost if regained => {
+                let accuracy = [claimed, s.speed_accuracy_mps.unwrap_or(0.3)];
+                self.rejoin(now, &innovation, &e_p, e_v.as_ref(), accuracy);
+            }
             Mode::Holdover | Mode::Lost => return Ok(()),
             Mode::Aligning | Mode::Aided | Mode::Rejoining => {
                 self.predictor.apply(&innovation);
+                let accuracy = [claimed, s.speed_accuracy_mps.unwrap_or(0.0).max(LEAST_SPEED_SIGMA)];
+                self.fuse_fix(now, &e_p, e_v.as_ref(), accuracy);
             }
         }
-        if let (Some(e_v), Some(a)) = (e_v, self.history.acceleration(measured))
+        if let (Some(e_v), Some(a)) = (horizontal(&innovation.velocity_ned), self.history.acceleration(measured))
             && self.modes.mode() == Mode::Aided
         {
             self.latency.observe(&e_v, &a.xy());
@@ -142,17 +145,60 @@ impl Navigator {
         }
     }
 
+    /// Horizontal position and velocity errors of a fix against the estimate at its time.
+    fn fix_errors(
+        &self,
+        innovation: &Innovation,
+        measured: ApTime,
+        p: &Vector3<f64>,
+        v: Option<(f64, f64)>,
+        observer_p: Vector3<f64>,
+    ) -> (Vector2<f64>, Option<Vector2<f64>>) {
+        if self.kalman.is_some()
+            && let Some((past_p, past_v)) = self.history.motion(measured).or_else(|| self.estimate())
+        {
+            return ((p - past_p).xy(), v.map(|(north, east)| Vector2::new(north, east) - past_v.xy()));
+        }
+        let lag = match (self.modes.dead_reckoning(), self.predictor.latest()) {
+            (true, Some(w)) => (w.position_ned - observer_p).xy(),
+            _ => Vector2::zeros(),
+        };
+        let e_p = horizontal(&innovation.position_ned).map_or(Vector2::zeros(), |e| e + lag);
+        (e_p, horizontal(&innovation.velocity_ned))
+    }
+
     /// GNSS is trusted again: the estimate moves to it at once, the published position stays and glides after it.
-    fn rejoin(&mut self, now: ApTime, innovation: &Innovation, lag: Vector2<f64>) {
-        let Some(state) = &mut self.state else { return };
+    fn rejoin(
+        &mut self,
+        now: ApTime,
+        innovation: &Innovation,
+        e_p: &Vector2<f64>,
+        e_v: Option<&Vector2<f64>>,
+        accuracy: [f64; 2],
+    ) {
+        let Some((before, _)) = self.estimate() else { return };
         let delay = now.seconds_since(innovation.stamp);
-        let e_v = horizontal(&innovation.velocity_ned).unwrap_or_default();
-        let e_p = horizontal(&innovation.position_ned).unwrap_or_default() + lag;
-        let shift = e_p + e_v * delay;
+        let e_v_or_zero = e_v.copied().unwrap_or_default();
+        let shift = e_p + e_v_or_zero * delay;
+        let shift = Vector3::new(shift.x, shift.y, 0.0);
         self.predictor.apply(innovation);
-        state.position_ned += Vector3::new(shift.x, shift.y, 0.0);
-        state.velocity_ned += Vector3::new(e_v.x, e_v.y, 0.0);
-        self.offset_ned -= Vector3::new(shift.x, shift.y, 0.0);
+        if self.kalman.is_some() {
+            // Fused as a measurement first, for what it says of everything else; what it leaves of the position is moved.
+            self.fuse_fix(now, e_p, e_v, accuracy);
+            if let Some((after, _)) = self.estimate() {
+                let rest = before + shift - after;
+                let rest = Vector3::new(rest.x, rest.y, 0.0);
+                if let Some(kalman) = &mut self.kalman {
+                    kalman.filter.shift_origin(&-rest);
+                }
+                self.history.clear();
+            }
+        }
+        if let (Some(state), Some(w)) = (&mut self.state, self.predictor.latest()) {
+            state.position_ned = Vector3::new(w.position_ned.x, w.position_ned.y, state.position_ned.z);
+            state.velocity_ned += Vector3::new(e_v_or_zero.x, e_v_or_zero.y, 0.0);
+        }
+        self.offset_ned -= shift;
         self.came_back(now);
     }
 }

@@ -12,7 +12,30 @@ struct Past {
     /// ∫ω dt in body axes since the start, rad: differences give mean rates.
     turned_body: Vector3<f64>,
     acceleration_ned: Vector3<f64>,
+    position_ned: Vector3<f64>,
+    velocity_ned: Vector3<f64>,
 }
+
+/// What is remembered of an instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant {
+    /// Attitude.
+    pub r_body_to_ned: Matrix3<f64>,
+    /// Rotation since the last instant, body axes, rad.
+    pub turned: Vector3<f64>,
+    /// Acceleration, NED, m/s².
+    pub acceleration_ned: Vector3<f64>,
+    /// Estimated position, NED, m.
+    pub position_ned: Vector3<f64>,
+    /// Estimated velocity, NED, m/s.
+    pub velocity_ned: Vector3<f64>,
+}
+
+/// Corrections are carried back this far, s: no measurement is later.
+const CORRECTED_S: f64 = 0.6;
+
+/// A stamp may lie this far ahead of the newest instant, s.
+const AHEAD_S: f64 = 0.05;
 
 /// A ring of remembered instants; nothing is allocated after construction.
 #[derive(Clone, Debug)]
@@ -25,11 +48,14 @@ pub struct History {
 impl History {
     /// Remembers `capacity` IMU samples (512 are 2 s at 250 Hz).
     pub fn new(capacity: usize) -> Self {
+        let zero = Vector3::zeros();
         let empty = Past {
             time: ApTime::from_micros(0),
             r_body_to_ned: Matrix3::identity(),
-            turned_body: Vector3::zeros(),
-            acceleration_ned: Vector3::zeros(),
+            turned_body: zero,
+            acceleration_ned: zero,
+            position_ned: zero,
+            velocity_ned: zero,
         };
         Self { ring: vec![empty; capacity.max(2)], next: 0, len: 0 }
     }
@@ -40,18 +66,53 @@ impl History {
         self.next = 0;
     }
 
-    /// Adds the newest instant: the attitude, the rotation since the last one (rad, body axes) and the acceleration (NED, m/s²).
-    pub fn push(
-        &mut self,
-        time: ApTime,
-        r_body_to_ned: Matrix3<f64>,
-        turned: Vector3<f64>,
-        acceleration_ned: Vector3<f64>,
-    ) {
-        let turned_body = self.back(0).map_or(turned, |last| last.turned_body + turned);
-        self.ring[self.next] = Past { time, r_body_to_ned, turned_body, acceleration_ned };
+    /// Adds the newest instant.
+    pub fn push(&mut self, time: ApTime, i: &Instant) {
+        let turned_body = self.back(0).map_or(i.turned, |last| last.turned_body + i.turned);
+        self.ring[self.next] = Past {
+            time,
+            r_body_to_ned: i.r_body_to_ned,
+            turned_body,
+            acceleration_ned: i.acceleration_ned,
+            position_ned: i.position_ned,
+            velocity_ned: i.velocity_ned,
+        };
         self.next = (self.next + 1) % self.ring.len();
         self.len = (self.len + 1).min(self.ring.len());
+    }
+
+    /// Position and velocity at `time`, linearly between two instants, and a little beyond the newest: stamps of other sensors may
+    /// lie ahead of the IMU's by some samples.
+    pub fn motion(&self, time: ApTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let newest = self.back(0)?;
+        let ahead = time.seconds_since(newest.time);
+        if ahead > 0.0 {
+            let p = newest.position_ned + newest.velocity_ned * ahead;
+            return (ahead <= AHEAD_S).then_some((p, newest.velocity_ned));
+        }
+        let (earlier, later) = self.around(time)?;
+        let step = later.time.seconds_since(earlier.time);
+        let f = if step > 0.0 { time.seconds_since(earlier.time) / step } else { 1.0 };
+        let between = |a: &Vector3<f64>, b: &Vector3<f64>| a + (b - a) * f;
+        Some((
+            between(&earlier.position_ned, &later.position_ned),
+            between(&earlier.velocity_ned, &later.velocity_ned),
+        ))
+    }
+
+    /// The estimate was corrected at `now`: the remembered past is moved likewise, as the free motion p − v·(now − t), so that the next
+    /// late measurement is not charged for the same error again.
+    pub fn correct(&mut self, now: ApTime, position_ned: &Vector3<f64>, velocity_ned: &Vector3<f64>) {
+        for n in 0..self.len {
+            let at = (self.next + self.ring.len() - 1 - n) % self.ring.len();
+            let past = &mut self.ring[at];
+            let age = now.seconds_since(past.time);
+            if age > CORRECTED_S {
+                return;
+            }
+            past.position_ned += position_ned - velocity_ned * age;
+            past.velocity_ned += velocity_ned;
+        }
     }
 
     /// The `n`th newest.
@@ -120,8 +181,14 @@ mod tests {
         for k in 0..200i64 {
             let t = k as f64 * 0.01;
             let r = so3::exp(&Vector3::new(0.0, 0.0, t));
-            let turned = Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 });
-            h.push(ApTime::from_micros(k * 10_000), r, turned, Vector3::new(t, 0.0, 0.0));
+            let instant = Instant {
+                r_body_to_ned: r,
+                turned: Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 }),
+                acceleration_ned: Vector3::new(t, 0.0, 0.0),
+                position_ned: Vector3::new(0.0, t, 0.0),
+                velocity_ned: Vector3::new(0.0, 1.0, 0.0),
+            };
+            h.push(ApTime::from_micros(k * 10_000), &instant);
         }
         let at = |ms: i64| ApTime::from_micros(ms * 1000);
         assert!((h.mean_rate(at(1700), at(1780)).unwrap().z - 1.0).abs() < 1e-9);
@@ -130,6 +197,10 @@ mod tests {
         let r = h.attitude(at(1803)).unwrap();
         assert!((so3::log(&r).z - 1.80).abs() < 1e-9);
         assert!((h.acceleration(at(1803)).unwrap().x - 1.80).abs() < 1e-9);
+        assert!((h.motion(at(1803)).unwrap().0.y - 1.803).abs() < 1e-9);
+        h.correct(at(1990), &Vector3::new(1.0, 0.0, 0.0), &Vector3::new(2.0, 0.0, 0.0));
+        let (p, v) = h.motion(at(1790)).unwrap();
+        assert!((p.x - 0.6).abs() < 1e-9 && (v.x - 2.0).abs() < 1e-9);
         assert!(h.attitude(at(1000)).is_none(), "forgotten");
         assert!(h.attitude(at(1991)).is_none(), "future");
     }

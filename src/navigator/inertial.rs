@@ -12,6 +12,7 @@ use crate::sample::ImuSample;
 use crate::time::ApTime;
 
 use super::event::Why;
+use super::history::Instant;
 use super::settings::Estimator;
 use super::solution::{Carrier, Mode};
 use super::verdict::{Reason, Verdict};
@@ -162,13 +163,32 @@ impl Navigator {
 
     fn after_step(&mut self, s: &ImuSample, dt: f64, report: &StepReport, place: &Place) {
         let Some(state) = self.state else { return };
-        if let Some(r) = state.r_body_to_ned() {
-            self.r_body_to_ned = r;
-        }
-        self.angular_rate_body = s.angular_rate_body - state.gyro_bias;
-        let acceleration = self.r_body_to_ned * s.specific_force_body + place.gravity_ned;
-        self.history.push(s.time, self.r_body_to_ned, self.angular_rate_body * dt, acceleration);
-        self.predictor.propagate(s.time, &report.acceleration_ned, &state.velocity_ned);
+        let filtered = self.predict_kalman(s.time, dt, &s.angular_rate_body, &s.specific_force_body);
+        let (acceleration, integrated) = match (&self.kalman, filtered) {
+            (Some(kalman), Some(acceleration)) => {
+                let filter = kalman.filter.state();
+                self.r_body_to_ned = filter.r_body_to_ned;
+                self.angular_rate_body = s.angular_rate_body - filter.gyro_bias;
+                (acceleration, acceleration)
+            }
+            _ => {
+                if let Some(r) = state.r_body_to_ned() {
+                    self.r_body_to_ned = r;
+                }
+                self.angular_rate_body = s.angular_rate_body - state.gyro_bias;
+                (self.r_body_to_ned * s.specific_force_body + place.gravity_ned, report.acceleration_ned)
+            }
+        };
+        let (position_ned, velocity_ned) = self.estimate().unwrap_or((state.position_ned, state.velocity_ned));
+        let instant = Instant {
+            r_body_to_ned: self.r_body_to_ned,
+            turned: self.angular_rate_body * dt,
+            acceleration_ned: acceleration,
+            position_ned,
+            velocity_ned,
+        };
+        self.history.push(s.time, &instant);
+        self.predictor.propagate(s.time, &integrated, &velocity_ned);
         self.height.predict(dt, -acceleration.z);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);
@@ -204,6 +224,7 @@ impl Navigator {
     pub(super) fn broken_off(&mut self, time: ApTime, why: Why) {
         self.history.clear();
         self.predictor.clear();
+        self.kalman = None;
         self.flow_body = None;
         self.range = None;
         self.last_sample = None;

@@ -11,6 +11,7 @@ mod flow;
 mod gnss;
 pub mod history;
 mod inertial;
+mod kalman;
 pub mod latency;
 pub mod modes;
 pub mod settings;
@@ -30,6 +31,7 @@ use budget::ErrorBudget;
 use event::{Event, What};
 use flow::FlowSensor;
 use history::History;
+use kalman::Kalman;
 use latency::LatencyEstimator;
 use modes::ModeState;
 use settings::{Estimator, NavigatorSettings};
@@ -68,6 +70,8 @@ pub struct Navigator {
     /// `None` until the attitude has a first guess.
     state: Option<ObserverState>,
     biases: FusiniBiases,
+    /// The filter, once the observer has found the attitude.
+    kalman: Option<Kalman>,
     predictor: Predictor,
     scheme: Scheme,
     history: History,
@@ -120,6 +124,7 @@ impl Navigator {
             decimal_year: DEFAULT_YEAR,
             state: None,
             biases: FusiniBiases::default(),
+            kalman: None,
             predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros()),
             scheme,
             history: History::new(HISTORY_SAMPLES),
@@ -180,6 +185,10 @@ impl Navigator {
         self.ground_m = self.ground_m.map(|g| g + moved.z);
         if let Some(state) = &mut self.state {
             state.position_ned -= moved;
+            if let Some(kalman) = &mut self.kalman {
+                kalman.filter.shift_origin(&moved);
+            }
+            self.history.clear();
             self.trust.forget_track();
         }
         if moved.norm() > 0.01 {
@@ -216,15 +225,14 @@ impl Navigator {
 
     /// The newest solution; `None` until the attitude has a first guess.
     pub fn solution(&self) -> Option<Solution> {
-        let state = self.state.as_ref()?;
         let time = self.last_imu?;
-        let mut position_ned = state.position_ned + self.offset_ned;
-        let mut velocity_ned = state.velocity_ned;
+        let (p, mut velocity_ned) = self.estimate()?;
+        let mut position_ned = p + self.offset_ned;
         if let Some(height) = self.height.height_m() {
             position_ned.z = -height;
             velocity_ned.z = -self.height.climb_mps();
         }
-        let (position_covariance, velocity_covariance) = self.covariances(state);
+        let (position_covariance, velocity_covariance) = self.covariances();
         Some(Solution {
             time,
             mode: self.modes.mode(),

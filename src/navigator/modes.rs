@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Vector2, Vector3};
 
-use crate::observer::ObserverState;
 use crate::time::ApTime;
 
 use super::Navigator;
@@ -83,6 +82,11 @@ impl ModeState {
         }
     }
 
+    /// Whether the injection is small at present.
+    pub(super) fn calm(&self) -> bool {
+        self.calm_since.is_some()
+    }
+
     fn attitude_found(&self, now: ApTime, settings: &ObserverSettings) -> bool {
         self.calm_since.is_some_and(|t| now.seconds_since(t) >= settings.aligned_s)
     }
@@ -97,6 +101,7 @@ impl Navigator {
                 let found = self.modes.attitude_found(now, &self.settings.observer);
                 if found && trusted && self.height.height_m().is_some() {
                     self.take_fix_over();
+                    self.start_kalman(now);
                     self.change_mode(now, Mode::Aided, Why::Aligned);
                 }
             }
@@ -151,7 +156,7 @@ impl Navigator {
     }
 
     /// On the first entry the estimate is set to the measurement signal: the observer's transient is over for the attitude only.
-    fn take_fix_over(&mut self) {
+    pub(super) fn take_fix_over(&mut self) {
         if let (Some(w), Some(state)) = (self.predictor.latest(), &mut self.state) {
             state.position_ned = w.position_ned;
             state.velocity_ned = w.velocity_ned;
@@ -162,11 +167,12 @@ impl Navigator {
 
     fn enter_holdover(&mut self, now: ApTime) {
         let GnssState::Untrusted(fault) = self.trust.state() else { return };
-        if let (GnssFault::Inconsistent, Some(state)) = (fault, &mut self.state) {
+        if fault == GnssFault::Inconsistent {
             // What the slow lie added is taken back; the published position glides after it.
             let walked = self.trust.run_away();
             let walked = Vector3::new(walked.x, walked.y, 0.0);
-            state.position_ned -= walked;
+            self.move_estimate(&-walked);
+            self.history.clear();
             self.offset_ned += walked;
             self.tell(now, What::WalkedBack(walked.norm()));
         }
@@ -253,19 +259,23 @@ impl Navigator {
         }
     }
 
-    pub(super) fn covariances(&self, _state: &ObserverState) -> (Matrix3<f64>, Matrix3<f64>) {
+    pub(super) fn covariances(&self) -> (Matrix3<f64>, Matrix3<f64>) {
         let mut p = Matrix3::identity();
         let mut v = Matrix3::identity();
-        let (p_ne, v_ne) = match (self.modes.mode, &self.budget, self.last_imu) {
-            (Mode::Holdover | Mode::Lost, Some(budget), Some(now)) => (
-                budget.position(self.has_magnetometer(now)) + offset_covariance(&self.offset_ned),
-                budget.velocity(),
-            ),
-            (Mode::Aided | Mode::Rejoining, ..) => (
-                Matrix2::identity() * self.gnss_sigma_m.powi(2) + offset_covariance(&self.offset_ned),
-                Matrix2::identity() * AIDED_VELOCITY_SIGMA.powi(2),
-            ),
-            _ => (Matrix2::identity() * UNKNOWN_M.powi(2), Matrix2::identity() * UNKNOWN_MPS.powi(2)),
+        // A receiver's error changes over minutes: no averaging takes it out, and it stays when the receiver goes.
+        let gnss = Matrix2::identity() * self.gnss_sigma_m.powi(2) + offset_covariance(&self.offset_ned);
+        let (p_ne, v_ne) = match (self.modes.mode, &self.kalman, &self.budget, self.last_imu) {
+            (Mode::Aligning, ..) => unknown(),
+            (_, Some(kalman), ..) => {
+                let (p, v) = (kalman.filter.position_covariance(), kalman.filter.velocity_covariance());
+                (p.fixed_view::<2, 2>(0, 0) + gnss, v.fixed_view::<2, 2>(0, 0).into_owned())
+            }
+            (Mode::Holdover | Mode::Lost, None, Some(budget), Some(now)) => {
+                let p = budget.position(self.has_magnetometer(now)) + offset_covariance(&self.offset_ned);
+                (p, budget.velocity())
+            }
+            (Mode::Aided | Mode::Rejoining, ..) => (gnss, Matrix2::identity() * AIDED_VELOCITY_SIGMA.powi(2)),
+            _ => unknown(),
         };
         p.fixed_view_mut::<2, 2>(0, 0).copy_from(&p_ne);
         v.fixed_view_mut::<2, 2>(0, 0).copy_from(&v_ne);
@@ -278,6 +288,12 @@ impl Navigator {
         if self.modes.mode == Mode::Aligning {
             return Vector3::repeat(UNKNOWN_ATTITUDE.powi(2));
         }
+        if let Some(kalman) = &self.kalman {
+            // Near level flight the rotations about north, east and down are roll, pitch and yaw turned by the heading.
+            let c = kalman.filter.attitude_covariance_ned();
+            let tilt = 0.5 * (c[(0, 0)] + c[(1, 1)]);
+            return Vector3::new(tilt, tilt, c[(2, 2)]);
+        }
         let b = &self.settings.holdover.budget;
         let tilt = b.tilt_sigma_rad.powi(2);
         let heading =
@@ -288,6 +304,10 @@ impl Navigator {
         });
         Vector3::new(tilt, tilt, heading + drifted)
     }
+}
+
+fn unknown() -> (Matrix2<f64>, Matrix2<f64>) {
+    (Matrix2::identity() * UNKNOWN_M.powi(2), Matrix2::identity() * UNKNOWN_MPS.powi(2))
 }
 
 /// A position that is still gliding is off by what is missing.

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::altimeter::HeightSettings;
 use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
 
+use crate::observer::eskf::EskfSettings;
+
 use super::budget::BudgetSettings;
 use super::trust::TrustSettings;
 
@@ -12,7 +14,7 @@ use super::trust::TrustSettings;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimator {
-    /// The best there is: what the daemon flies. At present [`Estimator::Nlo`].
+    /// The best there is, what the daemon flies: the error-state filter, started and watched by the observers.
     Shipped,
     /// The nonlinear observers, tuned.
     Nlo,
@@ -45,6 +47,10 @@ pub struct NavigatorSettings {
     pub magnetometer: bool,
     /// Largest relative deviation of the field's strength.
     pub magnetometer_norm_error: f64,
+    /// Noise of a magnetometer axis, T.
+    pub magnetometer_sigma_t: f64,
+    /// Filter.
+    pub kalman: EskfSettings,
     /// Receiver.
     pub gnss: GnssSettings,
     /// Flow sensor.

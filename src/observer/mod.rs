@@ -13,6 +13,7 @@
 
 pub mod attitude;
 pub mod bias;
+pub mod eskf;
 pub mod fusini;
 pub mod gains;
 pub mod grip;
