@@ -249,7 +249,7 @@ fn flow_carries_the_vehicle_through_an_outage_and_back_without_a_jump() {
         assert_eq!(log.mode_at(199.0), Mode::Aided, "{:?}", log.modes);
         assert!(log.modes.iter().any(|(_, m)| *m == Mode::Rejoining));
         // 0.1 s at the glide's 1 m/s, and what the estimate itself moves.
-        assert!(log.largest_jump(101.0, 195.0) < 0.25, "seed {seed}: {}", log.largest_jump(101.0, 195.0));
+        assert!(log.largest_jump(101.0, 195.0) < 0.3, "seed {seed}: {}", log.largest_jump(101.0, 195.0));
         let resets: Vec<u8> = log.between(101.0, 200.0).map(|(_, _, s)| s.reset_counter).collect();
         assert!(resets.windows(2).all(|w| w[0] == w[1]));
     }

@@ -213,7 +213,13 @@ impl Navigator {
         let corrected = sensor.calibration.correct(&m.v_xy);
         let patient = sensor.outliers_s < RELOCK_S;
         if self.carries(index)
-            && !self.fuse_flow(self.last_imu.unwrap_or(m.time), m.time, &m.v_xy, &m.r_body_to_ned, &covariance)
+            && !self.fuse_flow(
+                self.last_imu.unwrap_or(m.time),
+                m.time,
+                &m.v_xy,
+                &m.r_body_to_ned,
+                &covariance,
+            )
             && patient
         {
             self.flows[index].outliers_s += m.interval_s;

@@ -19,6 +19,11 @@ const RECEIVER_SILENCE_S: f64 = 1.0;
 const HEIGHT_REJECTIONS_TOLD: u32 = 10;
 /// A receiver's speed is not believed better than this, m/s.
 const LEAST_SPEED_SIGMA: f64 = 0.15;
+/// Standard deviation of the velocity when a fix has set it, and when it could not, m/s.
+const AIDED_SPEED_SIGMA: f64 = 0.3;
+const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
+/// The latency of a fix varies by this much, s: at speed, a distance.
+const LATENCY_JITTER_S: f64 = 0.1;
 /// Vertical over horizontal accuracy of a receiver that claims none.
 const VERTICAL_RATIO: f64 = 1.5;
 
@@ -84,19 +89,7 @@ impl Navigator {
         // What the fix has to be compared with is the estimate at its time: the filter's, or in dead reckoning the observer's; with
         // GNSS the observer follows the measurement signal.
         let (e_p, e_v) = self.fix_errors(&innovation, measured, &p, v, state.position_ned);
-        let judged = (self.modes.mode() != Mode::Aligning).then(|| {
-            let sigma = self.solution().map_or((0.0, 0.0), |s| {
-                let v = &s.velocity_covariance;
-                (s.horizontal_sigma_m(), (0.5 * (v[(0, 0)] + v[(1, 1)])).max(0.0).sqrt())
-            });
-            let reckoning = self.modes.dead_reckoning();
-            FixInnovation {
-                position_m: e_p.norm(),
-                velocity_mps: e_v.map(|e| e.norm()),
-                position_sigma_m: if reckoning { sigma.0 } else { 0.0 },
-                velocity_sigma_mps: if reckoning { sigma.1 } else { 0.0 },
-            }
-        });
+        let judged = (self.modes.mode() != Mode::Aligning).then(|| self.expectation(&e_p, e_v.as_ref()));
         let velocity_ne = v.map(|(north, east)| Vector2::new(north, east));
         let standing = self.trust.judge(measured, p.xy(), velocity_ne, judged)?;
         let regained = self.trust.good(now, standing);
@@ -115,7 +108,8 @@ impl Navigator {
                 self.fuse_fix(now, &e_p, e_v.as_ref(), accuracy);
             }
         }
-        if let (Some(e_v), Some(a)) = (horizontal(&innovation.velocity_ned), self.history.acceleration(measured))
+        if let (Some(e_v), Some(a)) =
+            (horizontal(&innovation.velocity_ned), self.history.acceleration(measured))
             && self.modes.mode() == Mode::Aided
         {
             self.latency.observe(&e_v, &a.xy());
@@ -126,6 +120,26 @@ impl Navigator {
         let verdict = self.height.gnss(-p.z, sigma, now.seconds_since(measured));
         self.note_height(now, verdict);
         Ok(())
+    }
+
+    /// How far the fix lies from what was expected, and how well that was known.
+    fn expectation(&self, e_p: &Vector2<f64>, e_v: Option<&Vector2<f64>>) -> FixInnovation {
+        let (mut position_sigma_m, mut velocity_sigma_mps) = (0.0, 0.0);
+        if let Some(s) = self.solution() {
+            let speed = s.velocity_ned.xy().norm();
+            position_sigma_m = speed * LATENCY_JITTER_S;
+            if self.modes.dead_reckoning() {
+                let v = &s.velocity_covariance;
+                position_sigma_m = s.horizontal_sigma_m().hypot(position_sigma_m);
+                velocity_sigma_mps = (v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt();
+            }
+        }
+        FixInnovation {
+            position_m: e_p.norm(),
+            velocity_mps: e_v.map(|e| e.norm()),
+            position_sigma_m,
+            velocity_sigma_mps,
+        }
     }
 
     fn note_height(&mut self, now: ApTime, verdict: HeightVerdict) {
@@ -182,17 +196,13 @@ impl Navigator {
         let shift = e_p + e_v_or_zero * delay;
         let shift = Vector3::new(shift.x, shift.y, 0.0);
         self.predictor.apply(innovation);
-        if self.kalman.is_some() {
-            // Fused as a measurement first, for what it says of everything else; what it leaves of the position is moved.
-            self.fuse_fix(now, e_p, e_v, accuracy);
-            if let Some((after, _)) = self.estimate() {
-                let rest = before + shift - after;
-                let rest = Vector3::new(rest.x, rest.y, 0.0);
-                if let Some(kalman) = &mut self.kalman {
-                    kalman.filter.shift_origin(&-rest);
-                }
-                self.history.clear();
-            }
+        if let Some(kalman) = &mut self.kalman {
+            let velocity = kalman.filter.state().velocity_ned.xy() + e_v_or_zero;
+            let sigma_v =
+                if e_v.is_some() { accuracy[1].max(AIDED_SPEED_SIGMA) } else { UNKNOWN_SPEED_SIGMA };
+            let position = (before + shift).xy();
+            kalman.filter.reset_motion(&position, &velocity, accuracy[0], sigma_v);
+            self.history.clear();
         }
         if let (Some(state), Some(w)) = (&mut self.state, self.predictor.latest()) {
             state.position_ned = Vector3::new(w.position_ned.x, w.position_ned.y, state.position_ned.z);

@@ -179,7 +179,8 @@ impl Navigator {
                 (self.r_body_to_ned * s.specific_force_body + place.gravity_ned, report.acceleration_ned)
             }
         };
-        let (position_ned, velocity_ned) = self.estimate().unwrap_or((state.position_ned, state.velocity_ned));
+        let (position_ned, velocity_ned) =
+            self.estimate().unwrap_or((state.position_ned, state.velocity_ned));
         let instant = Instant {
             r_body_to_ned: self.r_body_to_ned,
             turned: self.angular_rate_body * dt,

@@ -130,7 +130,9 @@ impl Navigator {
 
     /// The observer watches: attitudes that stay apart while GNSS is good mean that the filter has gone astray.
     fn watch(&mut self, now: ApTime) {
-        let (Some(kalman), Some(r)) = (&mut self.kalman, self.state.and_then(|s| s.r_body_to_ned())) else { return };
+        let (Some(kalman), Some(r)) = (&mut self.kalman, self.state.and_then(|s| s.r_body_to_ned())) else {
+            return;
+        };
         let apart = so3::angle_between(&kalman.filter.state().r_body_to_ned, &r);
         if apart < DISAGREEMENT || self.modes.mode() != Mode::Aided {
             kalman.disagree_since = None;
@@ -144,7 +146,13 @@ impl Navigator {
     }
 
     /// A fix that was accepted: horizontal errors against the past it belongs to.
-    pub(super) fn fuse_fix(&mut self, now: ApTime, e_p: &Vector2<f64>, e_v: Option<&Vector2<f64>>, accuracy: [f64; 2]) {
+    pub(super) fn fuse_fix(
+        &mut self,
+        now: ApTime,
+        e_p: &Vector2<f64>,
+        e_v: Option<&Vector2<f64>>,
+        accuracy: [f64; 2],
+    ) {
         let Some(kalman) = &mut self.kalman else { return };
         let mut corrections = [None; 4];
         for axis in 0..2 {
@@ -208,7 +216,11 @@ impl Navigator {
     }
 
     /// Carries corrections into the remembered past; returns what they moved the position by.
-    fn carry_back<'a>(&mut self, now: ApTime, corrections: impl Iterator<Item = &'a Correction>) -> Vector3<f64> {
+    fn carry_back<'a>(
+        &mut self,
+        now: ApTime,
+        corrections: impl Iterator<Item = &'a Correction>,
+    ) -> Vector3<f64> {
         let (mut p, mut v) = (Vector3::zeros(), Vector3::zeros());
         for c in corrections {
             p += c.position_ned;

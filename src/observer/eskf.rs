@@ -77,6 +77,8 @@ pub struct Correction {
     pub position_ned: Vector3<f64>,
     /// Of the velocity, m/s.
     pub velocity_ned: Vector3<f64>,
+    /// Of the whole error state.
+    all: SVector<f64, STATES>,
 }
 
 /// A measurement that was not used; its innovation over its standard deviation.
@@ -150,6 +152,32 @@ impl Eskf {
         self.state.position_ned -= moved_ned;
     }
 
+    /// Position and velocity are known anew (horizontally: the vertical stays), with these standard deviations; attitude and biases
+    /// stay, and forget what they had to do with the old ones.
+    pub fn reset_motion(
+        &mut self,
+        position_ne: &Vector2<f64>,
+        velocity_ne: &Vector2<f64>,
+        sigma_position_m: f64,
+        sigma_velocity_mps: f64,
+    ) {
+        for (block, value, sigma) in
+            [(P, position_ne, sigma_position_m), (V, velocity_ne, sigma_velocity_mps)]
+        {
+            for axis in 0..2 {
+                let i = block + axis;
+                self.p.row_mut(i).fill(0.0);
+                self.p.column_mut(i).fill(0.0);
+                self.p[(i, i)] = sigma * sigma;
+                if block == P {
+                    self.state.position_ned[axis] = value[axis];
+                } else {
+                    self.state.velocity_ned[axis] = value[axis];
+                }
+            }
+        }
+    }
+
     /// One IMU sample over `dt` s: mean angular rate (rad/s) and specific force (m/s²), body; gravity and Earth rate, NED.
     /// Returns the acceleration in NED that was integrated, m/s².
     pub fn predict(
@@ -213,7 +241,12 @@ impl Eskf {
     ///
     /// # Errors
     /// [`Gated`].
-    pub fn fuse_position(&mut self, axis: usize, innovation: f64, variance: f64) -> Result<Correction, Gated> {
+    pub fn fuse_position(
+        &mut self,
+        axis: usize,
+        innovation: f64,
+        variance: f64,
+    ) -> Result<Correction, Gated> {
         let mut h = Row::zeros();
         h[P + axis.min(2)] = 1.0;
         self.fuse(&h, innovation, variance)
@@ -223,7 +256,12 @@ impl Eskf {
     ///
     /// # Errors
     /// [`Gated`].
-    pub fn fuse_velocity(&mut self, axis: usize, innovation: f64, variance: f64) -> Result<Correction, Gated> {
+    pub fn fuse_velocity(
+        &mut self,
+        axis: usize,
+        innovation: f64,
+        variance: f64,
+    ) -> Result<Correction, Gated> {
         let mut h = Row::zeros();
         h[V + axis.min(2)] = 1.0;
         self.fuse(&h, innovation, variance)
@@ -233,17 +271,22 @@ impl Eskf {
     ///
     /// # Errors
     /// [`Gated`], when the first of them that fails does.
-    pub fn fuse_magnetic(&mut self, body: &Vector3<f64>, field_ned: &Vector3<f64>, sigma: f64) -> Result<(), Gated> {
+    pub fn fuse_magnetic(
+        &mut self,
+        body: &Vector3<f64>,
+        field_ned: &Vector3<f64>,
+        sigma: f64,
+    ) -> Result<(), Gated> {
         for axis in 0..3 {
-            let expected = self.state.r_body_to_ned.tr_mul(field_ned);
-            let innovation = body[axis] - expected[axis] - self.state.magnetic_bias[axis];
-            let mut h = Row::zeros();
-            // Exp(−δθ) x ≈ x + S(x) δθ.
-            h.fixed_columns_mut::<3>(THETA).copy_from(&hat(&expected).row(axis));
-            h[BM + axis] = 1.0;
-            self.fuse(&h, innovation, sigma * sigma)?;
+            let expected = self.expected_magnetic(field_ned);
+            let h = magnetic_row(&(expected - self.state.magnetic_bias), axis);
+            self.fuse(&h, body[axis] - expected[axis], sigma * sigma)?;
         }
         Ok(())
+    }
+
+    fn expected_magnetic(&self, field_ned: &Vector3<f64>) -> Vector3<f64> {
+        self.state.r_body_to_ned.tr_mul(field_ned) + self.state.magnetic_bias
     }
 
     /// A flow velocity, body x and y, m/s: (1 + s)(I + μJ) v_xy + b, with the velocity that the state had then and the attitude of
@@ -259,28 +302,15 @@ impl Eskf {
         covariance: &Matrix2<f64>,
     ) -> Result<[Correction; 2], Gated> {
         let v_body = r_body_to_ned.tr_mul(velocity_ned);
-        let (s, mu) = (self.state.flow[2], self.state.flow[3]);
-        let scale = Matrix2::new(1.0 + s, -mu, mu, 1.0 + s);
-        let expected = scale * v_body.xy() + self.state.flow.fixed_rows::<2>(0);
-        let innovation = flow_xy - expected;
-        let by_velocity = scale * r_body_to_ned.transpose().fixed_rows::<2>(0);
-        let by_attitude = scale * hat(&v_body).fixed_rows::<2>(0);
-        let by_flow = FlowCalibration::jacobian(&v_body.xy());
-        let row = |i: usize| {
-            let mut h = Row::zeros();
-            h.fixed_columns_mut::<3>(THETA).copy_from(&by_attitude.row(i));
-            h.fixed_columns_mut::<3>(V).copy_from(&by_velocity.row(i));
-            h.fixed_columns_mut::<4>(FLOW).copy_from(&by_flow.row(i));
-            h
-        };
-        let rows = [row(0), row(1)];
+        let innovation = flow_xy - flow_model(&self.state.flow, &v_body);
+        let rows = flow_rows(&self.state.flow, &v_body, r_body_to_ned);
         for i in 0..2 {
             self.gate(&rows[i], innovation[i], covariance[(i, i)])?;
         }
         let first = self.fuse(&rows[0], innovation.x, covariance[(0, 0)])?;
         // What the first has changed of the second's expectation.
-        let moved = by_velocity.row(1) * first.velocity_ned;
-        let second = self.fuse(&rows[1], innovation.y - moved[0], covariance[(1, 1)])?;
+        let moved = (rows[1] * first.all)[0];
+        let second = self.fuse(&rows[1], innovation.y - moved, covariance[(1, 1)])?;
         Ok([first, second])
     }
 
@@ -308,6 +338,7 @@ impl Eskf {
         Ok(Correction {
             position_ned: dx.fixed_rows::<3>(P).into_owned(),
             velocity_ned: dx.fixed_rows::<3>(V).into_owned(),
+            all: dx,
         })
     }
 
@@ -320,5 +351,179 @@ impl Eskf {
         s.accel_bias += dx.fixed_rows::<3>(BA);
         s.flow += dx.fixed_rows::<4>(FLOW);
         s.magnetic_bias += dx.fixed_rows::<3>(BM);
+    }
+}
+
+/// ∂m/∂x of one magnetometer axis; `field_body` is Rᵀ m_n. Exp(−δθ) x ≈ x + S(x) δθ.
+fn magnetic_row(field_body: &Vector3<f64>, axis: usize) -> Row {
+    let mut h = Row::zeros();
+    h.fixed_columns_mut::<3>(THETA).copy_from(&hat(field_body).row(axis));
+    h[BM + axis] = 1.0;
+    h
+}
+
+/// What the flow sensor shows of a body velocity: (1 + s)(I + μJ) v_xy + b, to first order (1 + s) I + μJ.
+fn flow_model(flow: &SVector<f64, 4>, v_body: &Vector3<f64>) -> Vector2<f64> {
+    flow_scale(flow) * v_body.xy() + flow.fixed_rows::<2>(0)
+}
+
+fn flow_scale(flow: &SVector<f64, 4>) -> Matrix2<f64> {
+    Matrix2::new(1.0 + flow[2], -flow[3], flow[3], 1.0 + flow[2])
+}
+
+/// ∂flow/∂x of both components.
+fn flow_rows(flow: &SVector<f64, 4>, v_body: &Vector3<f64>, r_body_to_ned: &Matrix3<f64>) -> [Row; 2] {
+    let scale = flow_scale(flow);
+    let by_velocity = scale * r_body_to_ned.transpose().fixed_rows::<2>(0);
+    let by_attitude = scale * hat(v_body).fixed_rows::<2>(0);
+    let by_flow = FlowCalibration::jacobian(&v_body.xy());
+    [0, 1].map(|i| {
+        let mut h = Row::zeros();
+        h.fixed_columns_mut::<3>(THETA).copy_from(&by_attitude.row(i));
+        h.fixed_columns_mut::<3>(V).copy_from(&by_velocity.row(i));
+        h.fixed_columns_mut::<4>(FLOW).copy_from(&by_flow.row(i));
+        h
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geo::so3::log;
+    use nalgebra::Matrix4;
+
+    fn silent() -> EskfSettings {
+        EskfSettings {
+            gyro_noise: 0.0,
+            accel_noise: 0.0,
+            gyro_bias_walk: 0.0,
+            accel_bias_walk: 0.0,
+            magnetic_bias_walk: 0.0,
+            magnetic_bias_sigma: 0.0,
+            flow_bias_walk: 0.0,
+            flow_scale_walk: 0.0,
+            gate_sigma: 5.0,
+        }
+    }
+
+    fn state() -> EskfState {
+        EskfState {
+            r_body_to_ned: exp(&Vector3::new(0.4, -0.3, 2.0)),
+            position_ned: Vector3::new(100.0, -50.0, -120.0),
+            velocity_ned: Vector3::new(12.0, -7.0, 1.5),
+            gyro_bias: Vector3::new(0.01, -0.02, 0.005),
+            accel_bias: Vector3::new(0.05, -0.1, 0.02),
+            flow: SVector::from([0.2, -0.1, 0.05, -0.03]),
+            magnetic_bias: Vector3::new(1e-6, -2e-6, 5e-7),
+        }
+    }
+
+    fn filter(state: EskfState) -> Eskf {
+        Eskf::new(silent(), state, [Vector3::zeros(); 5], &Matrix4::zeros())
+    }
+
+    fn perturbed(index: usize, by: f64) -> EskfState {
+        let mut f = filter(state());
+        let mut dx = SVector::<f64, STATES>::zeros();
+        dx[index] = by;
+        f.inject(&dx);
+        *f.state()
+    }
+
+    /// b less a, as an error state.
+    fn difference(a: &EskfState, b: &EskfState) -> SVector<f64, STATES> {
+        let mut d = SVector::<f64, STATES>::zeros();
+        d.fixed_rows_mut::<3>(THETA).copy_from(&log(&(a.r_body_to_ned.transpose() * b.r_body_to_ned)));
+        d.fixed_rows_mut::<3>(P).copy_from(&(b.position_ned - a.position_ned));
+        d.fixed_rows_mut::<3>(V).copy_from(&(b.velocity_ned - a.velocity_ned));
+        d.fixed_rows_mut::<3>(BG).copy_from(&(b.gyro_bias - a.gyro_bias));
+        d.fixed_rows_mut::<3>(BA).copy_from(&(b.accel_bias - a.accel_bias));
+        d.fixed_rows_mut::<4>(FLOW).copy_from(&(b.flow - a.flow));
+        d.fixed_rows_mut::<3>(BM).copy_from(&(b.magnetic_bias - a.magnetic_bias));
+        d
+    }
+
+    const RATE: Vector3<f64> = Vector3::new(0.3, -0.2, 0.5);
+    const FORCE: Vector3<f64> = Vector3::new(1.0, 0.5, -11.0);
+    const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, 9.81);
+
+    #[test]
+    fn the_covariance_moves_as_the_error_does() {
+        let (dt, eps) = (0.01, 1e-5);
+        for index in 0..STATES {
+            let (mut a, mut b) = (filter(state()), filter(perturbed(index, eps)));
+            a.p[(index, index)] = 1.0;
+            a.predict(dt, &RATE, &FORCE, &GRAVITY, &Vector3::zeros());
+            b.predict(dt, &RATE, &FORCE, &GRAVITY, &Vector3::zeros());
+            let moved = difference(a.state(), b.state()) / eps;
+            let expected = moved * moved.transpose();
+            // Second order in dt and what the mean attitude of the interval adds is left out of Φ.
+            assert!((a.p - expected).amax() < 5e-3, "{index}: {}", (a.p - expected).amax());
+        }
+    }
+
+    #[test]
+    fn measurement_rows_are_the_derivatives() {
+        let eps = 1e-6;
+        let field = Vector3::new(2e-5, 1e-6, 4.5e-5);
+        let base = filter(state());
+        let r = state().r_body_to_ned;
+        let v_body = r.tr_mul(&state().velocity_ned);
+        let rows = flow_rows(&state().flow, &v_body, &r);
+        let magnetic = r.tr_mul(&field);
+        for index in 0..STATES {
+            let other = filter(perturbed(index, eps));
+            let s = other.state();
+            let v_other = s.r_body_to_ned.tr_mul(&s.velocity_ned);
+            let d_flow = (flow_model(&s.flow, &v_other) - flow_model(&state().flow, &v_body)) / eps;
+            for i in 0..2 {
+                assert!((d_flow[i] - rows[i][index]).abs() < 1e-4, "flow {i} by {index}");
+            }
+            let d = (other.expected_magnetic(&field) - base.expected_magnetic(&field)) / eps;
+            for axis in 0..3 {
+                assert!(
+                    (d[axis] - magnetic_row(&magnetic, axis)[index]).abs() < 1e-6,
+                    "field {axis} by {index}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_covariance_stays_symmetric_and_positive() {
+        let settings = EskfSettings { gyro_noise: 1e-3, accel_noise: 0.05, gyro_bias_walk: 1e-5, ..silent() };
+        let sigma = [0.1, 3.0, 0.5, 0.01, 0.1].map(Vector3::repeat);
+        let mut f = Eskf::new(settings, state(), sigma, &(Matrix4::identity() * 0.01));
+        let field = Vector3::new(2e-5, 1e-6, 4.5e-5);
+        for k in 0..5000 {
+            f.predict(0.01, &RATE, &FORCE, &GRAVITY, &Vector3::zeros());
+            if k % 20 == 0 {
+                let _ = f.fuse_position(k % 3, 0.5, 1.0);
+                let _ = f.fuse_velocity(k % 2, 0.1, 0.04);
+                let body = f.expected_magnetic(&field);
+                let _ = f.fuse_magnetic(&body, &field, 1e-6);
+                let (v, r) = (f.state().velocity_ned, f.state().r_body_to_ned);
+                let xy = flow_model(&f.state().flow, &r.tr_mul(&v));
+                let _ = f.fuse_flow(&xy, &v, &r, &(Matrix2::identity() * 0.25));
+            }
+        }
+        assert!(f.is_finite());
+        assert!((f.p - f.p.transpose()).amax() < 1e-9);
+        assert!(f.p.symmetric_eigenvalues().min() > -1e-9, "{}", f.p.symmetric_eigenvalues().min());
+        let r = f.state().r_body_to_ned;
+        assert!((r.transpose() * r - Matrix3::identity()).amax() < 1e-9);
+    }
+
+    #[test]
+    fn an_outlier_is_gated_and_changes_nothing() {
+        let mut f = Eskf::new(silent(), state(), [Vector3::repeat(0.5); 5], &Matrix4::identity());
+        let (before, p) = (*f.state(), f.p);
+        assert!(f.fuse_position(0, 50.0, 1.0).is_err());
+        assert!(f.fuse_position(0, f64::NAN, 1.0).is_err());
+        let flow = Vector2::new(500.0, 0.0);
+        assert!(
+            f.fuse_flow(&flow, &before.velocity_ned, &before.r_body_to_ned, &Matrix2::identity()).is_err()
+        );
+        assert_eq!((*f.state(), f.p), (before, p));
     }
 }
