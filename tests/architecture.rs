@@ -1,6 +1,11 @@
 //! The layering, held by reading the sources: what the core must not know, which room may use which, and what every file owes
 //! its reader.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "helpers of tests may fail like tests")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may fail like tests"
+)]
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -151,8 +156,7 @@ fn sources() -> Vec<Source> {
 fn source(path: &Path) -> Source {
     let text = fs::read_to_string(path).unwrap();
     let name = relative(path);
-    let mut modules: Vec<&str> =
-        name.trim_start_matches("src/").trim_end_matches(".rs").split('/').collect();
+    let mut modules: Vec<&str> = name.trim_start_matches("src/").trim_end_matches(".rs").split('/').collect();
     if modules.len() > 1 && modules.last() == Some(&"mod") {
         modules.pop();
     }
@@ -283,7 +287,10 @@ fn the_table_of_rooms_has_no_circles() {
     for (i, (room, uses)) in ROOMS.iter().enumerate() {
         for used in *uses {
             let at = ROOMS.iter().position(|(r, _)| r == used);
-            assert!(at.is_some_and(|at| at < i), "{room} uses {used}, which does not stand above it in the table");
+            assert!(
+                at.is_some_and(|at| at < i),
+                "{room} uses {used}, which does not stand above it in the table"
+            );
         }
     }
 }
