@@ -138,6 +138,21 @@ pub struct GnssSample {
     pub satellites: Option<u8>,
 }
 
+impl GnssSample {
+    /// Whether every number in it is finite. What is not told counts as finite.
+    pub fn is_finite(&self) -> bool {
+        let place = self.position.map(|p| [p.latitude_rad, p.longitude_rad, p.height_m]);
+        let motion = self.ground_velocity.map(|v| [v.speed_mps, v.course_rad]);
+        let accuracies = [self.horizontal_accuracy_m, self.vertical_accuracy_m, self.speed_accuracy_mps];
+        place
+            .iter()
+            .flatten()
+            .chain(motion.iter().flatten())
+            .chain(accuracies.iter().flatten())
+            .all(|v| v.is_finite())
+    }
+}
+
 /// Speed and course over ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundVelocity {

@@ -369,3 +369,19 @@ fn evaluate_prints_one_row_an_outage() {
     let text = holdover(&arguments[..6]).out;
     assert!(text.contains("shipped") && text.contains("inertial") && text.contains("drift %"), "{text}");
 }
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_panic() {
+    let log = sitl_log(COPTER);
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_holdover"))
+        .args(["inspect", log.to_str().unwrap()])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let err = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{err}");
+    assert!(err.is_empty(), "{err}");
+}

@@ -99,7 +99,7 @@ fn edit() -> impl Strategy<Value = (prop::sample::Index, prop::sample::Index, [u
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 200, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn mutated_frames_of_a_real_flight(edits in prop::collection::vec(edit(), 1..400)) {
@@ -128,6 +128,12 @@ proptest! {
     }
 }
 
+/// A navigator that has flown for a while.
+fn in_flight() -> &'static Navigator {
+    static FLOWN: OnceLock<Navigator> = OnceLock::new();
+    FLOWN.get_or_init(|| run(real().iter().map(|r| r.frame.clone())).navigator)
+}
+
 #[test]
 fn the_flight_itself_navigates() {
     // What the other tests mutate does arrive somewhere when it is whole.
@@ -137,7 +143,7 @@ fn the_flight_itself_navigates() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn arbitrary_payloads_of_every_message_of_interest(
@@ -247,12 +253,15 @@ fn at(mut sample: Sample, stamp: ApTime) -> Sample {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 128, max_shrink_iters: 2000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 128, max_shrink_iters: 2000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn random_samples_in_random_order(samples in prop::collection::vec((step(), sample()), 1..1500)) {
-        let mut navigator = Navigator::new(navigator_settings());
-        let mut ms = 0i64;
+    fn random_samples_in_random_order(
+        flying in any::<bool>(),
+        samples in prop::collection::vec((step(), sample()), 1..1500),
+    ) {
+        let mut navigator = if flying { in_flight().clone() } else { Navigator::new(navigator_settings()) };
+        let mut ms = navigator.solution().map_or(0, |s| s.time.micros() / 1000);
         for (step, sample) in samples {
             ms = ms.saturating_add(step);
             let sample = at(sample, ApTime::from_micros(ms.saturating_mul(1000)));
