@@ -2,7 +2,7 @@
 //!
 //! Autopilots stamp with milliseconds since boot (32 bits, wrapping after 49.7 days), microseconds since boot, microseconds since
 //! 1970, and ArduPilot's OPTICAL_FLOW with *milliseconds* in a field called `time_usec`. A frame that is old, damaged or hostile
-//! must not move the axis; a reboot must. So a jump is believed only when [`CONFIRM`] stamps in a row agree on it.
+//! must not move the axis; a reboot must. So a jump is believed only when `CONFIRM` stamps in a row agree on it.
 
 use crate::time::{ApTime, Span};
 
