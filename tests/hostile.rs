@@ -142,6 +142,19 @@ fn the_flight_itself_navigates() {
     assert_eq!(pipeline.navigator.mode().label(), "Aided");
 }
 
+#[test]
+fn an_origin_at_the_other_end_of_the_world_is_refused() {
+    let mut log = real().to_vec();
+    let half = log.len() / 2;
+    let origin = log.iter_mut().skip(half).find(|r| r.id() == 49).unwrap();
+    let payload = origin.payload();
+    origin.frame[payload.start..payload.start + 4].copy_from_slice(&(-338_000_000i32).to_le_bytes());
+    origin.seal();
+    let attacked = run(log.into_iter().map(|r| r.frame));
+    let (attacked, whole) = (attacked.navigator.solution().unwrap(), in_flight().solution().unwrap());
+    assert!((attacked.position_ned - whole.position_ned).norm() < 1e-9, "{}", attacked.position_ned);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
