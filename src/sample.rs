@@ -139,19 +139,23 @@ pub struct GnssSample {
 }
 
 impl GnssSample {
-    /// Whether every number in it is finite. What is not told counts as finite.
-    pub fn is_finite(&self) -> bool {
-        let place = self.position.map(|p| [p.latitude_rad, p.longitude_rad, p.height_m]);
-        let motion = self.ground_velocity.map(|v| [v.speed_mps, v.course_rad]);
-        let accuracies = [self.horizontal_accuracy_m, self.vertical_accuracy_m, self.speed_accuracy_mps];
-        place
-            .iter()
-            .flatten()
-            .chain(motion.iter().flatten())
-            .chain(accuracies.iter().flatten())
-            .all(|v| v.is_finite())
+    /// Whether every number that it tells can be one: finite, and no farther, faster or worse than any receiver's.
+    pub fn is_possible(&self) -> bool {
+        let place = self.position.is_none_or(|p| p.is_plausible());
+        let motion = self
+            .ground_velocity
+            .is_none_or(|v| v.speed_mps.abs() < MAX_SPEED_MPS && v.course_rad.abs() < MAX_COURSE_RAD);
+        let claims = [self.horizontal_accuracy_m, self.vertical_accuracy_m, self.speed_accuracy_mps];
+        place && motion && claims.iter().flatten().all(|a| (0.0..MAX_ACCURACY).contains(a))
     }
 }
+
+/// Faster than any orbit.
+const MAX_SPEED_MPS: f64 = 1e4;
+/// More than a turn either way.
+const MAX_COURSE_RAD: f64 = 10.0;
+/// Worse than the whole Earth, m or m/s.
+const MAX_ACCURACY: f64 = 1e7;
 
 /// Speed and course over ground.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -22,7 +22,7 @@ const VERTICAL_RATIO: f64 = 1.5;
 
 impl Navigator {
     pub(super) fn gnss(&mut self, s: &GnssSample) -> Verdict {
-        if !s.is_finite() {
+        if !s.is_possible() {
             return Verdict::Rejected(Reason::NotFinite);
         }
         let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
