@@ -85,8 +85,9 @@ impl Pipeline {
                 None
             }
             Item::Origin(origin) => {
-                if let Some(time) = clock.newest() {
-                    self.navigator.set_origin(time, *origin);
+                if let Some(time) = clock.newest()
+                    && self.navigator.set_origin(time, *origin)
+                {
                     self.outbound.origin_shared();
                 }
                 None

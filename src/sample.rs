@@ -138,6 +138,25 @@ pub struct GnssSample {
     pub satellites: Option<u8>,
 }
 
+impl GnssSample {
+    /// Whether every number that it tells can be one: finite, and no farther, faster or worse than any receiver's.
+    pub fn is_possible(&self) -> bool {
+        let place = self.position.is_none_or(|p| p.is_plausible());
+        let motion = self
+            .ground_velocity
+            .is_none_or(|v| v.speed_mps.abs() < MAX_SPEED_MPS && v.course_rad.abs() < MAX_COURSE_RAD);
+        let claims = [self.horizontal_accuracy_m, self.vertical_accuracy_m, self.speed_accuracy_mps];
+        place && motion && claims.iter().flatten().all(|a| (0.0..MAX_ACCURACY).contains(a))
+    }
+}
+
+/// Faster than any orbit.
+const MAX_SPEED_MPS: f64 = 1e4;
+/// More than a turn either way.
+const MAX_COURSE_RAD: f64 = 10.0;
+/// Worse than the whole Earth, m or m/s.
+const MAX_ACCURACY: f64 = 1e7;
+
 /// Speed and course over ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundVelocity {

@@ -21,22 +21,19 @@ pub fn run(args: &CheckArgs) -> Result<(), Failure> {
     if s.endpoints.is_empty() {
         return Err(Failure::Usage("link.endpoints is empty: there is nothing to listen to".into()));
     }
-    println!("The configuration is valid.");
+    outln!("The configuration is valid.");
     match s.system {
-        Some(system) => println!("  follows   system {}", system.0),
-        None => println!("  follows   the first autopilot that is heard"),
+        Some(system) => outln!("  follows   system {}", system.0),
+        None => outln!("  follows   the first autopilot that is heard"),
     }
     for e in &s.endpoints {
-        println!("  listens   {e}");
+        outln!("  listens   {e}");
     }
     let o = &s.pipeline.outbound;
     let profile = s.pipeline.profile.map_or("the autopilot's own".to_owned(), |p| p.to_string());
-    println!(
-        "  sends     {:?} at {} Hz, publish = {:?}, profile: {profile}",
-        o.carriage, o.rate_hz, o.publish
-    );
-    println!("  estimator {}", s.pipeline.navigator.estimator.label());
+    outln!("  sends     {:?} at {} Hz, publish = {:?}, profile: {profile}", o.carriage, o.rate_hz, o.publish);
+    outln!("  estimator {}", s.pipeline.navigator.estimator.label());
     let h = &s.pipeline.navigator.holdover;
-    println!("  lost at   {} m of uncertainty, or {} s without velocity", h.max_sigma_m, h.max_coast_s);
+    outln!("  lost at   {} m of uncertainty, or {} s without velocity", h.max_sigma_m, h.max_coast_s);
     Ok(())
 }

@@ -94,7 +94,7 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     bar.finish_and_clear();
     if args.json {
         let text = serde_json::to_string(&Rows { rows: &rows }).map_err(|e| Failure::Other(e.to_string()))?;
-        println!("{text}");
+        outln!("{text}");
     } else {
         print_table(&rows, args);
     }
@@ -149,7 +149,7 @@ fn name(path: &Path) -> String {
 }
 
 fn print_table(rows: &[Row], args: &EvaluateArgs) {
-    println!(
+    outln!(
         "Horizontal error at the end of an outage: median / worst m, drift in % of distance (median), error over sigma (median)"
     );
     let mut table = Table::new(&[

@@ -193,7 +193,7 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     };
     if args.json {
         let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
-        println!("{text}");
+        outln!("{text}");
     } else {
         print_report(&report, &summary);
     }
@@ -230,29 +230,29 @@ fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool) -> Vec<String> {
 }
 
 fn print_report(r: &InspectReport, summary: &crate::replay::log::LogSummary) {
-    println!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, r.autopilot, r.system);
+    outln!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, r.autopilot, r.system);
     let rejects: Vec<String> = summary.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
     let rejects = if rejects.is_empty() { "nothing rejected".to_owned() } else { rejects.join(", ") };
-    println!("  {} frames; {rejects}", r.frames);
+    outln!("  {} frames; {rejects}", r.frames);
     if r.truncated {
-        println!("  the log ends in the middle of a record");
+        outln!("  the log ends in the middle of a record");
     }
     if r.reboots > 0 {
-        println!("  the autopilot rebooted {} times", r.reboots);
+        outln!("  the autopilot rebooted {} times", r.reboots);
     }
-    println!("\nSamples");
+    outln!("\nSamples");
     let mut table = Table::new(&["", "count", "Hz", "longest gap s"]);
     for s in r.samples.iter().filter(|s| s.count > 0) {
         let rate = super::table::number(s.rate_hz, 1);
         table.row(vec![s.kind.into(), s.count.to_string(), rate, format!("{:.2}", s.longest_gap_s)]);
     }
     table.print();
-    println!("\nWhat Holdover can do with it");
+    outln!("\nWhat Holdover can do with it");
     match &r.lacks {
-        Some(reason) => println!("  nothing: {reason}"),
-        None => r.can.iter().for_each(|c| println!("  {c}")),
+        Some(reason) => outln!("  nothing: {reason}"),
+        None => r.can.iter().for_each(|c| outln!("  {c}")),
     }
-    println!("\nMessages");
+    outln!("\nMessages");
     let mut table = Table::new(&["message", "system", "component", "count"]);
     for m in &r.messages {
         table.row(vec![

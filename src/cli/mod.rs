@@ -1,5 +1,8 @@
 //! The command line: one file a subcommand, and the exit codes.
 
+#[macro_use]
+mod output;
+
 pub mod check;
 pub mod evaluate;
 pub mod inspect;

@@ -134,7 +134,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     };
     if args.json {
         let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
-        println!("{text}");
+        outln!("{text}");
     } else {
         print_report(&report, &log, &runner, &summary, &outcome, settings.pipeline.navigator.estimator);
     }
@@ -158,8 +158,8 @@ fn print_report(
     estimator: Estimator,
 ) {
     let vehicle = log.vehicle();
-    println!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, vehicle.autopilot, vehicle.system.0);
-    println!(
+    outln!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, vehicle.autopilot, vehicle.system.0);
+    outln!(
         "  {} frames, {:.0} times real time, estimator {}",
         r.frames,
         r.realtime_factor,
@@ -167,15 +167,15 @@ fn print_report(
     );
     let rejects: Vec<String> = summary.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
     if !rejects.is_empty() {
-        println!("  not used: {}", rejects.join(", "));
+        outln!("  not used: {}", rejects.join(", "));
     }
     if summary.truncated {
-        println!("  the log ends in the middle of a record");
+        outln!("  the log ends in the middle of a record");
     }
     if summary.reboots > 0 {
-        println!("  the autopilot rebooted {} times", summary.reboots);
+        outln!("  the autopilot rebooted {} times", summary.reboots);
     }
-    println!("\nSamples");
+    outln!("\nSamples");
     let mut table = Table::new(&["", "heard", "used", "rejected"]);
     for kind in SampleKind::ALL {
         let heard = outcome.heard[kind as usize];
@@ -189,13 +189,13 @@ fn print_report(
     }
     table.print();
 
-    println!("\nWhat happened");
+    outln!("\nWhat happened");
     for (t, event) in &outcome.events {
-        println!("  {t:8.1} s  {}", event.what);
+        outln!("  {t:8.1} s  {}", event.what);
     }
     for (id, calibration, trust) in runner.pipeline.navigator.flow_sensors() {
         let x = calibration.estimate();
-        println!(
+        outln!(
             "  flow {id}: bias {:+.2} {:+.2} m/s, scale {:+.1} %, turned {:+.1} deg: {}",
             x[0],
             x[1],
@@ -205,15 +205,15 @@ fn print_report(
         );
     }
     let (latency, sigma) = runner.pipeline.navigator.gnss_latency_s();
-    println!("  GNSS latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
+    outln!("  GNSS latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
 
     let against = match r.reference {
         ReferenceKind::Truth => "the simulator's truth",
         ReferenceKind::Gnss => "GNSS",
     };
-    println!("\nWith GNSS, root mean square against {against}");
+    outln!("\nWith GNSS, root mean square against {against}");
     let a = &r.aided;
-    println!(
+    outln!(
         "  position {} m, velocity {} m/s, altitude {} m, roll/pitch/yaw {}/{}/{} deg",
         number(a.position_rmse_m, 2),
         number(a.velocity_rmse_mps, 2),
@@ -223,7 +223,7 @@ fn print_report(
         number(a.yaw_rmse_deg, 2)
     );
     if !r.outages.is_empty() {
-        println!("\nOutages, against {against}");
+        outln!("\nOutages, against {against}");
         let mut table = Table::new(&[
             "from..to s",
             "distance m",

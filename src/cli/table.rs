@@ -25,7 +25,7 @@ impl Table {
             let line: Vec<String> = cells
                 .map(|(i, (s, &w))| if i == 0 { format!("{s:<w$}") } else { format!("{s:>w$}") })
                 .collect();
-            println!("  {}", line.join("  ").trim_end());
+            outln!("  {}", line.join("  ").trim_end());
         }
     }
 }

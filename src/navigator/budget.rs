@@ -16,7 +16,7 @@ pub struct BudgetSettings {
     pub heading_sigma_rad: f64,
     /// Growth of the heading error without a magnetometer, rad/s.
     pub heading_drift_radps: f64,
-    /// Scale error of flow that comes and goes with the ground (relative), over a path of [`SCALE_CORRELATION_M`].
+    /// Scale error of flow that comes and goes with the ground (relative), over a path of 100 m.
     pub scale_wander: f64,
     /// Scale error when the height over ground is the altimeter's and not a rangefinder's (relative).
     pub height_scale_sigma: f64,

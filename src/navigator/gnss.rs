@@ -29,6 +29,9 @@ const VERTICAL_RATIO: f64 = 1.5;
 
 impl Navigator {
     pub(super) fn gnss(&mut self, s: &GnssSample) -> Verdict {
+        if !s.is_possible() {
+            return Verdict::Rejected(Reason::NotFinite);
+        }
         let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
         if s.receiver != self.receiver {
             let silent = self.receiver_heard.is_none_or(|t| s.time.seconds_since(t) > RECEIVER_SILENCE_S);

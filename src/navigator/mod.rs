@@ -45,6 +45,8 @@ const SIGNAL_HOLD: Span = Span::from_millis(700);
 const LONGEST_DELAY: Span = Span::from_millis(1500);
 /// IMU samples remembered: 1.5 s at 333 Hz.
 const HISTORY_SAMPLES: usize = 512;
+/// An origin further from the vehicle's first place than this is a damaged or hostile message, m.
+const FARTHEST_ORIGIN_M: f64 = 100_000.0;
 /// The year whose magnetic field is taken while no clock has told the date.
 const DEFAULT_YEAR: f64 = 2026.0;
 
@@ -173,13 +175,17 @@ impl Navigator {
         verdict
     }
 
-    /// The autopilot told its origin: the frame's origin moves there. Height is above mean sea level, as everywhere.
-    pub fn set_origin(&mut self, time: ApTime, origin: Geodetic) {
+    /// The autopilot told its origin: the frame's origin moves there. Height is above mean sea level, as everywhere. False when the
+    /// origin is too far away to be one: nothing has changed then.
+    pub fn set_origin(&mut self, time: ApTime, origin: Geodetic) -> bool {
         let moved = match &self.place {
             None => Vector3::zeros(),
-            Some(place) if place.frame.origin() == origin => return,
+            Some(place) if place.frame.origin() == origin => return true,
             Some(place) => place.frame.to_ned(&origin),
         };
+        if moved.norm() > FARTHEST_ORIGIN_M {
+            return false;
+        }
         self.settle(origin);
         self.height.shift_origin(-moved.z);
         self.ground_m = self.ground_m.map(|g| g + moved.z);
@@ -195,6 +201,7 @@ impl Navigator {
             self.reset_counter = self.reset_counter.wrapping_add(1);
         }
         self.tell(time, What::Origin(moved.norm()));
+        true
     }
 
     /// Sets the date, as decimal year, for the magnetic field.

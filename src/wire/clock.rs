@@ -2,7 +2,7 @@
 //!
 //! Autopilots stamp with milliseconds since boot (32 bits, wrapping after 49.7 days), microseconds since boot, microseconds since
 //! 1970, and ArduPilot's OPTICAL_FLOW with *milliseconds* in a field called `time_usec`. A frame that is old, damaged or hostile
-//! must not move the axis; a reboot must. So a jump is believed only when [`CONFIRM`] stamps in a row agree on it.
+//! must not move the axis; a reboot must. So a jump is believed only when `CONFIRM` stamps in a row agree on it.
 
 use crate::time::{ApTime, Span};
 
@@ -118,7 +118,7 @@ impl AutopilotClock {
 
     /// Seconds since 1970 of an axis time, if SYSTEM_TIME has told it.
     pub fn unix_seconds(&self, time: ApTime) -> Option<f64> {
-        self.unix_minus_boot_us.map(|o| (self.boot_micros(time) + o) as f64 * 1e-6)
+        self.unix_minus_boot_us.map(|o| self.boot_micros(time).saturating_add(o) as f64 * 1e-6)
     }
 
     fn near(&self, boot_us: i64) -> bool {
@@ -155,14 +155,14 @@ impl AutopilotClock {
         self.suspect = None;
         if boot_us < self.newest_boot_us {
             let after = newest + REBOOT_GAP;
-            self.base_us = after.micros() - boot_us;
+            self.base_us = after.micros().saturating_sub(boot_us);
             self.unix_minus_boot_us = None;
             self.reboots += 1;
             self.event = Some(ClockEvent::Reboot { before: newest, after });
         } else {
             self.event = Some(ClockEvent::Gap(Span::from_micros(boot_us - self.newest_boot_us)));
         }
-        let time = ApTime::from_micros(boot_us + self.base_us);
+        let time = ApTime::from_micros(boot_us.saturating_add(self.base_us));
         self.newest = Some(time);
         self.newest_boot_us = boot_us;
         Ok(time)
@@ -222,6 +222,14 @@ mod tests {
         let b = clock.boot_ms(9).unwrap();
         assert_eq!(b - a, Span::from_millis(20));
         assert_eq!(clock.reboots(), 0);
+    }
+
+    #[test]
+    fn a_year_that_cannot_be_is_no_overflow() {
+        let mut clock = AutopilotClock::new();
+        let a = clock.boot_ms(100_000).unwrap();
+        clock.system_time(i64::MAX as u64, 0);
+        assert!(clock.unix_seconds(a).is_some_and(f64::is_finite));
     }
 
     proptest! {

@@ -1,7 +1,7 @@
 //! Frames of one vehicle to [`Sample`]s and [`Reference`]s: SI units, named frames, the autopilot's time.
 //!
 //! Every value is checked here once: what is not finite or not possible is counted and goes no further. Vehicles send the same
-//! measurement several times (HIGHRES_IMU and RAW_IMU, say); [`Preference`] takes the best source that is alive.
+//! measurement several times (HIGHRES_IMU and RAW_IMU, say); `Preference` takes the best source that is alive.
 
 mod aiding;
 mod gnss;

@@ -8,6 +8,10 @@ use crate::sample::{Reference, TruthState};
 
 use super::{Cause, Decoder, Item, Out, finite};
 
+/// Further from its origin, or faster, no vehicle of this kind gets.
+const MAX_LOCAL_M: f64 = 1e6;
+const MAX_LOCAL_MPS: f64 = 1e3;
+
 impl Decoder {
     pub(super) fn sim_state(&mut self, m: &apm::SIM_STATE_DATA, out: Out<'_>) -> Result<(), Cause> {
         let time = self.now()?;
@@ -75,6 +79,10 @@ impl Decoder {
     ) -> Result<(), Cause> {
         let time = self.clock.boot_ms(m.time_boot_ms)?;
         let (position_ned, velocity_ned) = (finite(m.x, m.y, m.z)?, finite(m.vx, m.vy, m.vz)?);
+        // What is sent is aligned with this: a wild value must not get in.
+        if position_ned.amax() > MAX_LOCAL_M || velocity_ned.amax() > MAX_LOCAL_MPS {
+            return Err(Cause::Absurd);
+        }
         out.push(Item::Reference(Reference::Local { time, position_ned, velocity_ned }));
         Ok(())
     }
