@@ -4,6 +4,7 @@ pub mod altimeter;
 pub mod camera;
 pub mod cli;
 pub mod config;
+pub mod daemon;
 pub mod geo;
 pub mod metrics;
 pub mod navigator;

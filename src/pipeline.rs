@@ -7,6 +7,7 @@ use crate::navigator::solution::Solution;
 use crate::outbound::message::OutboundMessage;
 use crate::outbound::{Outbound, OutboundSettings, Profile};
 use crate::sample::Sample;
+use crate::time::ApTime;
 use crate::wire::clock::{AutopilotClock, ClockEvent};
 use crate::wire::decode::{Dialect, Item};
 use crate::wire::protocol::identity::{AutopilotKind, Vehicle};
@@ -99,6 +100,33 @@ impl Pipeline {
             }
             Item::Clock(ClockEvent::Gap(_)) => None,
         }
+    }
+}
+
+/// Intervals in which GNSS is withheld, in seconds since the first sample or reference: outages made by an operator.
+#[derive(Clone, Debug, Default)]
+pub struct GnssMask {
+    start: Option<ApTime>,
+    intervals: Vec<(f64, f64)>,
+}
+
+impl GnssMask {
+    /// Withholds GNSS in each interval [start, end).
+    pub fn new(intervals: &[(f64, f64)]) -> Self {
+        Self { start: None, intervals: intervals.to_vec() }
+    }
+
+    /// Takes note of an item, the first of which is time 0. The time of a GNSS sample that is to be withheld
+    /// ([`Navigator::mask_gnss`]); `None` for everything that is to be used.
+    pub fn withholds(&mut self, item: &Item) -> Option<ApTime> {
+        let time = match item {
+            Item::Sample(sample) => sample.time(),
+            Item::Reference(reference) => reference.time(),
+            Item::Origin(_) | Item::Clock(_) => return None,
+        };
+        let t = time.seconds_since(*self.start.get_or_insert(time));
+        let gnss = matches!(item, Item::Sample(Sample::Gnss(_)));
+        (gnss && self.intervals.iter().any(|&(a, b)| a <= t && t < b)).then_some(time)
     }
 }
 

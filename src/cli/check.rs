@@ -2,6 +2,8 @@
 
 use clap::Args;
 
+use crate::config::Settings;
+
 use super::{ConfigArgs, Failure};
 
 /// Arguments of `check`.
@@ -17,7 +19,14 @@ pub struct CheckArgs {
 /// # Errors
 /// [`Failure::Config`].
 pub fn run(args: &CheckArgs) -> Result<(), Failure> {
-    let s = args.settings.load()?;
+    show(&args.settings.load()?)
+}
+
+/// Prints what is in force.
+///
+/// # Errors
+/// [`Failure::Usage`] when there is nothing to listen to.
+pub(super) fn show(s: &Settings) -> Result<(), Failure> {
     if s.endpoints.is_empty() {
         return Err(Failure::Usage("link.endpoints is empty: there is nothing to listen to".into()));
     }

@@ -7,6 +7,7 @@ pub mod check;
 pub mod evaluate;
 pub mod inspect;
 pub mod replay;
+pub mod run;
 mod table;
 
 use std::path::PathBuf;
@@ -31,6 +32,8 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong command line or 
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Navigate: listen to the autopilot, and tell it where it is when GNSS drops
+    Run(run::RunArgs),
     /// Fly a log again: what Holdover would have done
     Replay(replay::ReplayArgs),
     /// Slide outages over logs and tabulate the drift
@@ -117,6 +120,7 @@ impl From<std::io::Error> for Failure {
 /// [`Failure`], which knows its exit code.
 pub fn run(cli: Cli) -> Result<(), Failure> {
     match cli.command {
+        Command::Run(args) => run::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Inspect(args) => inspect::run(&args),

@@ -23,6 +23,9 @@ use limits::Schema;
 /// The defaults, with every key, unit and range.
 pub const DEFAULT_TOML: &str = include_str!("../../config/default.toml");
 
+/// The environment variable that overrides `log.level`, also with directives as in `info,holdover::wire=debug`.
+pub const LOG_VARIABLE: &str = "HOLDOVER_LOG";
+
 /// Prefix of environment variables: `HOLDOVER_OUTBOUND__RATE_HZ` is `outbound.rate_hz`.
 const PREFIX: &str = "HOLDOVER";
 
@@ -152,7 +155,8 @@ fn tree_of(
 }
 
 fn environment(variables: &[(String, String)]) -> Environment {
-    let ours = variables.iter().filter(|(k, _)| k.starts_with("HOLDOVER_")).cloned().collect();
+    let setting = |name: &str| name.starts_with("HOLDOVER_") && name != LOG_VARIABLE;
+    let ours = variables.iter().filter(|(k, _)| setting(k)).cloned().collect();
     Environment::with_prefix(PREFIX)
         .prefix_separator("_")
         .separator("__")
@@ -245,6 +249,7 @@ mod tests {
                 ("HOLDOVER_OUTBOUND__RATE_HZ".into(), "40".into()),
                 ("HOLDOVER_LINK__ENDPOINTS".into(), "udpin:127.0.0.1:9,tcpout:localhost:5760".into()),
                 ("HOME".into(), "x".into()),
+                (LOG_VARIABLE.into(), "debug".into()),
             ],
             overrides: vec!["outbound.publish=always".into(), "gnss.delay_ms = 20".into()],
             ..Sources::default()

@@ -5,6 +5,7 @@ pub mod clock;
 pub mod companion_clock;
 pub mod counters;
 pub mod decode;
+pub mod encode;
 pub mod endpoint;
 pub mod frame;
 pub mod frame_bytes;

@@ -11,9 +11,9 @@ use crate::time::{Companion, Span, Stamp};
 pub enum Health {
     /// Starting: no autopilot yet, or no solution yet.
     Boot,
-    /// A solution is there and is not needed.
+    /// Finding attitude and place.
     Standby,
-    /// The autopilot flies on our solution.
+    /// Navigating: with GNSS, or without.
     Active,
     /// The solution is worse than the configuration allows, or its inputs are stale.
     Critical,

@@ -60,3 +60,8 @@ mod tests {
         assert!(!us.is_meant_by(2, 0) && !us.is_meant_by(1, 1) && !us.is_meant_by(0, 1));
     }
 }
+
+/// Asks for one copy of a message (`MAV_CMD_REQUEST_MESSAGE`).
+pub fn request_message(to: Address, message_id: u32) -> MavMessage {
+    command_long(to, MavCmd::MAV_CMD_REQUEST_MESSAGE, message_id as f32, 0.0)
+}

@@ -122,6 +122,14 @@ impl Streams {
         self.waiting = None;
     }
 
+    /// Wants one more stream; one that is wanted already is left as it is.
+    pub fn want(&mut self, wanted: WantedStream) {
+        let known = self.streams.iter().any(|s| s.wanted.message_id == wanted.message_id);
+        if !known && wanted.rate_hz.is_finite() && wanted.rate_hz > 0.0 {
+            self.streams.push(Stream::new(wanted));
+        }
+    }
+
     /// Takes note that the autopilot sent message `message_id`.
     pub fn hear(&mut self, now: Stamp<Companion>, message_id: u32) {
         for stream in self.streams.iter_mut().filter(|s| s.wanted.message_id == message_id) {

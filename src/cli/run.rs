@@ -1,0 +1,115 @@
+//! `holdover run`: the daemon.
+
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use clap::Args;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio_util::sync::CancellationToken;
+use tracing_subscriber::EnvFilter;
+
+use crate::config::{LOG_VARIABLE, Settings};
+use crate::daemon::{Daemon, link_config};
+use crate::wire::companion_clock::CompanionClock;
+use crate::wire::endpoint::Endpoint;
+use crate::wire::link::Links;
+
+use super::replay::parse_interval;
+use super::{ConfigArgs, Failure, check};
+
+/// How long the links may take to close.
+const CLOSING: Duration = Duration::from_secs(1);
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Where the autopilot is, instead of link.endpoints: udpin:HOST:PORT, udpout:…, tcpin:…, tcpout:…, serial:DEVICE:BAUD;
+    /// may be given several times
+    #[arg(long, short, value_name = "ENDPOINT")]
+    pub endpoint: Vec<Endpoint>,
+    /// A drill: withhold GNSS from the navigator from A to B, seconds since the first sample, as in 60..120; may be given
+    /// several times. The autopilot keeps its own GNSS, so holdover can be watched, in SITL or in the air, without touching it
+    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
+    pub deny_gnss: Vec<(f64, f64)>,
+    /// Check the configuration, show what is in force, and open nothing
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Settings
+    #[command(flatten)]
+    pub settings: ConfigArgs,
+}
+
+/// Runs the command until SIGINT or SIGTERM.
+///
+/// # Errors
+/// [`Failure::Config`], [`Failure::Usage`], and [`Failure::Link`] when a link cannot be opened.
+pub fn run(args: &RunArgs) -> Result<(), Failure> {
+    let mut settings = args.settings.load()?;
+    if !args.endpoint.is_empty() {
+        settings.endpoints.clone_from(&args.endpoint);
+    }
+    if args.dry_run {
+        return check::show(&settings);
+    }
+    if settings.endpoints.is_empty() {
+        return Err(Failure::Usage("link.endpoints is empty: there is nothing to listen to".into()));
+    }
+    start_log(&settings.log_level)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(serve(&settings, &args.deny_gnss))
+}
+
+fn start_log(level: &str) -> Result<(), Failure> {
+    let directives = std::env::var(LOG_VARIABLE).ok().filter(|v| !v.is_empty());
+    let filter = EnvFilter::try_new(directives.as_deref().unwrap_or(level))
+        .map_err(|e| Failure::Usage(format!("{LOG_VARIABLE}: {e}")))?;
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .try_init()
+        .map_err(|e| Failure::Other(e.to_string()))
+}
+
+async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Failure> {
+    let (stop, close) = (CancellationToken::new(), CancellationToken::new());
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    let clock = CompanionClock::new();
+    let links = Links::open(&settings.endpoints, link_config(settings), clock.clone(), close.clone())
+        .await
+        .map_err(|e| Failure::Link(e.to_string()))?;
+    let handles = links.handles.clone();
+    tracing::info!("holdover {} is running", env!("CARGO_PKG_VERSION"));
+    for stats in handles.stats() {
+        match stats.local {
+            Some(local) => tracing::info!("{}: {} listens at {local}", stats.link, stats.endpoint),
+            None => tracing::info!("{}: {}", stats.link, stats.endpoint),
+        }
+    }
+    for (a, b) in deny_gnss {
+        tracing::warn!("a drill: GNSS is withheld from {a} to {b} s after the first sample");
+    }
+    let daemon = Daemon::new(settings, deny_gnss, links, clock).run(stop.clone());
+    tokio::pin!(daemon);
+    let summary = tokio::select! {
+        summary = &mut daemon => summary,
+        name = async {
+            tokio::select! {
+                _ = interrupt.recv() => "SIGINT",
+                _ = terminate.recv() => "SIGTERM",
+            }
+        } => {
+            tracing::info!("{name}: ends");
+            stop.cancel();
+            daemon.await
+        }
+    };
+    close.cancel();
+    if tokio::time::timeout(CLOSING, handles.closed()).await.is_err() {
+        tracing::warn!("a link does not close");
+    }
+    tracing::info!("in the end: {summary}");
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! One line that says how it fares, for the log.
+
+use std::fmt;
+
+use crate::navigator::solution::Mode;
+use crate::sample::SampleKind;
+use crate::time::Span;
+use crate::wire::counters::Counters;
+
+/// What the daemon counted, at one moment.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// The navigator's mode.
+    pub mode: Mode,
+    /// Horizontal uncertainty, m, once there is a solution.
+    pub sigma_m: Option<f64>,
+    /// Samples a second since the summary before, by [`SampleKind`].
+    pub rates_hz: [f64; SampleKind::ALL.len()],
+    /// Position messages sent.
+    pub sent: u64,
+    /// Position messages withheld, because a number in them was not finite.
+    pub not_finite: u64,
+    /// Position messages withheld, because the sample they stand on waited too long in the daemon.
+    pub late: u64,
+    /// What was not used, by cause, on the links and in the decoder.
+    pub rejects: Counters,
+    /// Frames of the autopilot that came on another link than the one that is listened to.
+    pub duplicates: u64,
+    /// Frames dropped because the daemon did not keep up.
+    pub inbound_dropped: u64,
+    /// Frames not sent because the link did not keep up.
+    pub unsent: u64,
+    /// Autopilot clock less ours, and the shortest round trip.
+    pub timesync: Option<(Span, Span)>,
+    /// TIMESYNC questions of the autopilot that were answered.
+    pub answered: u64,
+    /// Words withheld from the pilot because there were too many.
+    pub words_withheld: u64,
+    /// Reboots of the autopilot.
+    pub reboots: u32,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.mode.label())?;
+        if let Some(sigma) = self.sigma_m.filter(|_| self.mode != Mode::Aligning) {
+            write!(f, " +-{sigma:.1} m")?;
+        }
+        write!(f, "; heard")?;
+        let mut heard = false;
+        for kind in SampleKind::ALL {
+            let rate = self.rates_hz[kind as usize];
+            if rate > 0.0 {
+                write!(f, "{} {} {rate:.1} Hz", if heard { "," } else { "" }, kind.label())?;
+                heard = true;
+            }
+        }
+        if !heard {
+            write!(f, " nothing")?;
+        }
+        write!(f, "; sent {}", self.sent)?;
+        for (n, what) in [
+            (self.not_finite, "not finite"),
+            (self.late, "late"),
+            (self.duplicates, "duplicates"),
+            (self.inbound_dropped, "dropped on the way in"),
+            (self.unsent, "dropped on the way out"),
+            (self.words_withheld, "words withheld"),
+            (u64::from(self.reboots), "reboots"),
+        ] {
+            if n > 0 {
+                write!(f, ", {n} {what}")?;
+            }
+        }
+        for (i, (cause, n)) in self.rejects.seen().enumerate() {
+            write!(f, "{} {n} {}", if i == 0 { "; rejected" } else { "," }, cause.label())?;
+        }
+        match self.timesync {
+            Some((offset, round_trip)) => write!(
+                f,
+                "; timesync {:.3} s, round trip {:.1} ms, {} answered",
+                offset.seconds(),
+                1e3 * round_trip.seconds(),
+                self.answered
+            ),
+            None => write!(f, "; no timesync, {} answered", self.answered),
+        }
+    }
+}
