@@ -22,6 +22,8 @@ impl Holdover {
         let mut child = Command::new("bash")
             .args(["-c", CLOSE_ALL_AND_EXEC, env!("CARGO_BIN_EXE_holdover"), "run"])
             .args(args)
+            // The flights are played many times as fast as they were flown, so queues and patience must be larger in proportion.
+            .args(["--set", "link.queue_frames=16384", "--set", "link.stale_output_ms=3000"])
             .env_remove("HOLDOVER_LOG")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
