@@ -64,6 +64,8 @@ pub fn link_config(settings: &Settings) -> LinkConfig {
     let l = &settings.link;
     LinkConfig {
         inbound_capacity: l.queue_frames,
+        // Far fewer frames go out than come in.
+        outbound_capacity: (l.queue_frames / 16).max(16),
         max_queue_age: Duration::from_millis(l.stale_output_ms),
         peer_silence: Duration::try_from_secs_f64(l.peer_timeout_s).unwrap_or(Duration::from_secs(5)),
         backoff_first: Duration::from_millis(l.reconnect_min_ms),

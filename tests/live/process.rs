@@ -7,6 +7,9 @@ use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
+/// A pseudo-terminal of this process that a child inherits stays open when it is closed here: no cable could be pulled.
+const CLOSE_ALL_AND_EXEC: &str = r#"for f in /proc/self/fd/*; do n=${f##*/}; if [ "$n" -gt 2 ]; then eval "exec $n>&-"; fi; done; exec "$0" "$@""#;
+
 /// A running `holdover run`, killed when dropped.
 pub struct Holdover {
     child: Child,
@@ -16,9 +19,11 @@ pub struct Holdover {
 impl Holdover {
     /// Starts it with these arguments after `run`.
     pub fn run(args: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_holdover"))
-            .arg("run")
+        let mut child = Command::new("bash")
+            .args(["-c", CLOSE_ALL_AND_EXEC, env!("CARGO_BIN_EXE_holdover"), "run"])
             .args(args)
+            // The flights are played many times as fast as they were flown, so queues and patience must be larger in proportion.
+            .args(["--set", "link.queue_frames=16384", "--set", "link.stale_output_ms=3000"])
             .env_remove("HOLDOVER_LOG")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
