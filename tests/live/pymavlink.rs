@@ -54,7 +54,7 @@ pub fn decode(bytes: &[u8]) -> Option<Vec<Value>> {
     let python = python()?;
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), bytes).unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/decode.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/live/decode.py");
     let output = Command::new(python).arg(script).arg(file.path()).output().unwrap();
     assert!(output.status.success(), "pymavlink: {}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
