@@ -271,10 +271,10 @@ mod tests {
             t += dt;
             k += 1;
             filter.predict(dt, 0.05);
-            if k % 4 == 0 {
+            if k.is_multiple_of(4) {
                 filter.baro(t + 300.0 + baro_extra, 0.04, 0.0);
             }
-            if gnss && k % 20 == 0 {
+            if gnss && k.is_multiple_of(20) {
                 filter.gnss(t, 1.0, 0.0);
             }
         }

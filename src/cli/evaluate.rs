@@ -101,13 +101,15 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     Ok(())
 }
 
+/// What became of one job.
+type Swept = Result<Vec<Row>, LogError>;
+
 /// All jobs on some threads; rows in the order of the jobs.
 fn work(jobs: &[Job], args: &EvaluateArgs, bar: &ProgressBar) -> Result<Vec<Row>, Failure> {
     let cores = thread::available_parallelism().map_or(1, usize::from);
     let threads = if args.jobs == 0 { cores } else { args.jobs }.min(jobs.len()).max(1);
     let next = Mutex::new(0usize);
-    let done: Mutex<Vec<Option<Result<Vec<Row>, LogError>>>> =
-        Mutex::new(jobs.iter().map(|_| None).collect());
+    let done: Mutex<Vec<Option<Swept>>> = Mutex::new(jobs.iter().map(|_| None).collect());
     thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {

@@ -15,18 +15,21 @@ use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
-use crate::config::Settings;
+use crate::config::{Settings, StreamSettings};
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline};
 use crate::sample::{Sample, SampleKind};
 use crate::time::{ApTime, Companion, Span, Stamp};
+use crate::wire::clock::ClockEvent;
 use crate::wire::companion_clock::CompanionClock;
+use crate::wire::counters::Cause;
 use crate::wire::decode::{Decoder, Item};
-use crate::wire::frame::SystemId;
+use crate::wire::encode::encode;
+use crate::wire::frame::{Frame, SystemId};
 use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
 use crate::wire::protocol::heartbeat::{Health, HeartbeatSender, heartbeat};
-use crate::wire::protocol::identity::{Identity, IdentityConfig};
+use crate::wire::protocol::identity::{Identity, IdentityConfig, Sender};
 
 use contact::Contact;
 use speaker::Speaker;
@@ -90,7 +93,7 @@ struct Counts {
 pub struct Daemon {
     clock: CompanionClock,
     stale_after: Span,
-    streams: crate::config::StreamSettings,
+    streams: StreamSettings,
     links: Option<Links>,
     speaker: Speaker,
     identity: Identity,
@@ -210,8 +213,8 @@ impl Daemon {
             self.identity_event(event);
         }
         match sender {
-            crate::wire::protocol::identity::Sender::Autopilot => {}
-            crate::wire::protocol::identity::Sender::WrongSystem => return self.stranger(&frame),
+            Sender::Autopilot => {}
+            Sender::WrongSystem => return self.stranger(&frame),
             _ => return,
         }
         self.conversation(&frame, at);
@@ -241,7 +244,7 @@ impl Daemon {
         listened
     }
 
-    fn stranger(&mut self, frame: &crate::wire::frame::Frame<'_>) {
+    fn stranger(&mut self, frame: &Frame<'_>) {
         if !std::mem::replace(&mut self.stranger_told, true) {
             tracing::warn!("system {} is heard, too, and ignored", frame.system().0);
         }
@@ -266,11 +269,11 @@ impl Daemon {
                     contact.wishes.origin_heard();
                 }
             }
-            Item::Clock(crate::wire::clock::ClockEvent::Reboot { .. }) => {
+            Item::Clock(ClockEvent::Reboot { .. }) => {
                 self.say(Weight::Warning, "the autopilot rebooted");
                 self.begin_anew();
             }
-            Item::Clock(crate::wire::clock::ClockEvent::Gap(span)) => {
+            Item::Clock(ClockEvent::Gap(span)) => {
                 tracing::warn!("the autopilot's stamps have a gap of {:.1} s", span.seconds());
             }
             _ => {}
@@ -293,7 +296,7 @@ impl Daemon {
             self.counts.late += 1;
             return;
         }
-        match crate::wire::encode::encode(message, self.decoder.clock()) {
+        match encode(message, self.decoder.clock()) {
             Some(message) => self.counts.sent += u64::from(self.speaker.answer(&message)),
             None => self.counts.not_finite += 1,
         }
@@ -377,7 +380,7 @@ impl Daemon {
 
     fn summary(&self, now: Stamp<Companion>) -> Summary {
         let mut rejects = self.decoder.counters().clone();
-        rejects.add(crate::wire::counters::Cause::WrongSystem, self.identity.wrong_system());
+        rejects.add(Cause::WrongSystem, self.identity.wrong_system());
         let (mut inbound_dropped, mut unsent) = (0, 0);
         for stats in self.speaker.handles().stats() {
             rejects.merge(&stats.rejects);

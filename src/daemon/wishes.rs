@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn the_imu_is_asked_for_first_and_the_origin_by_request() {
-        let asked = asked(&vehicle(AutopilotKind::Px4, 0), 20, &[]);
+        let asked = asked(&vehicle(AutopilotKind::Px4, 0), 90, &[]);
         assert_eq!(asked[0], (512, 49));
         assert_eq!(asked.iter().find(|a| a.0 == 511), Some(&(511, 105)));
         for id in [24, 29, 100, 106, 132, 32, 2, 49] {
@@ -196,9 +196,9 @@ mod tests {
     #[test]
     fn an_old_ardupilot_is_asked_for_raw_imu_at_once_and_a_silent_one_soon() {
         let old = vehicle(AutopilotKind::ArduPilot, 0x0405_07FF);
-        assert!(asked(&old, 10, &[]).contains(&(511, RAW_IMU)));
+        assert!(asked(&old, 90, &[]).contains(&(511, RAW_IMU)));
         let silent = vehicle(AutopilotKind::ArduPilot, 0x0407_00FF);
-        assert!(asked(&silent, 60, &[]).contains(&(511, RAW_IMU)));
+        assert!(asked(&silent, 90, &[]).contains(&(511, RAW_IMU)));
         assert!(!asked(&silent, 60, &[HIGHRES_IMU]).contains(&(511, RAW_IMU)));
     }
 

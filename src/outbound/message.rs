@@ -56,6 +56,10 @@ pub struct VisionPosition {
 
 /// What is sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "a box would be an allocation for each message, on the path of every IMU sample"
+)]
 pub enum OutboundMessage {
     /// ODOMETRY.
     Odometry(Odometry),

@@ -49,6 +49,11 @@ fn command_long(to: Address, command: MavCmd, param1: f32, param2: f32) -> MavMe
     })
 }
 
+/// Asks for one copy of a message (`MAV_CMD_REQUEST_MESSAGE`).
+pub fn request_message(to: Address, message_id: u32) -> MavMessage {
+    command_long(to, MavCmd::MAV_CMD_REQUEST_MESSAGE, message_id as f32, 0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -59,9 +64,4 @@ mod tests {
         assert!(us.is_meant_by(0, 0) && us.is_meant_by(1, 0) && us.is_meant_by(1, 197));
         assert!(!us.is_meant_by(2, 0) && !us.is_meant_by(1, 1) && !us.is_meant_by(0, 1));
     }
-}
-
-/// Asks for one copy of a message (`MAV_CMD_REQUEST_MESSAGE`).
-pub fn request_message(to: Address, message_id: u32) -> MavMessage {
-    command_long(to, MavCmd::MAV_CMD_REQUEST_MESSAGE, message_id as f32, 0.0)
 }
