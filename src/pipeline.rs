@@ -116,6 +116,16 @@ impl GnssMask {
         Self { start: None, intervals: intervals.to_vec() }
     }
 
+    /// Withholds GNSS in one more interval.
+    pub fn add(&mut self, start_s: f64, end_s: f64) {
+        self.intervals.push((start_s, end_s));
+    }
+
+    /// Seconds since the first sample; 0 before there was one.
+    pub fn seconds(&self, time: ApTime) -> f64 {
+        self.start.map_or(0.0, |s| time.seconds_since(s))
+    }
+
     /// Takes note of an item, the first of which is time 0. The time of a GNSS sample that is to be withheld
     /// ([`Navigator::mask_gnss`]); `None` for everything that is to be used.
     pub fn withholds(&mut self, item: &Item) -> Option<ApTime> {

@@ -1,6 +1,13 @@
 //! The navigator flown on closed-form truth: alignment, accuracy with GNSS, holdover on flow, coasting to Lost, the way back, and
 //! each way in which GNSS can be lost or lie.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
 use holdover::config::{Settings, Sources};
 use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
 use holdover::navigator::Navigator;

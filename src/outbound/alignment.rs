@@ -17,6 +17,11 @@ const ENOUGH: u32 = 20;
 /// Autopilot positions older than this are not compared, s.
 const MAX_AGE_S: f64 = 0.5;
 
+/// A position this far from the offset is an outlier, m …
+const OUTLIER_M: f64 = 8.0;
+/// … unless this many come in a row.
+const OUTLIERS_BELIEVED: u32 = 25;
+
 /// Offset from our frame to the autopilot's.
 #[derive(Clone, Debug)]
 pub struct Alignment {
@@ -24,12 +29,13 @@ pub struct Alignment {
     observations: u32,
     last: Option<ApTime>,
     origin_shared: bool,
+    outliers: u32,
 }
 
 impl Alignment {
     /// Nothing known.
     pub(super) fn new() -> Self {
-        Self { offset_ned: Vector3::zeros(), observations: 0, last: None, origin_shared: false }
+        Self { offset_ned: Vector3::zeros(), observations: 0, last: None, origin_shared: false, outliers: 0 }
     }
 
     /// What to add to our position to have it in the autopilot's frame, m.
@@ -39,7 +45,12 @@ impl Alignment {
 
     /// Whether the frames are known to agree: by a shared origin, or by comparing positions.
     pub fn aligned(&self) -> bool {
-        self.origin_shared || self.observations >= ENOUGH
+        self.origin_shared || self.learned()
+    }
+
+    /// Whether enough positions were compared for the offset to stand on them.
+    pub(super) fn learned(&self) -> bool {
+        self.observations >= ENOUGH
     }
 
     pub(super) fn origin_shared(&mut self) {
@@ -53,6 +64,15 @@ impl Alignment {
         }
         let ours = solution.position_ned - solution.velocity_ned * age;
         let difference = autopilot_ned - ours;
+        if self.learned() && (difference - self.offset_ned).norm() > OUTLIER_M {
+            // One wild position is no new frame; many in a row are: the autopilot has reset its own.
+            self.outliers += 1;
+            if self.outliers < OUTLIERS_BELIEVED {
+                return;
+            }
+            self.observations = 0;
+        }
+        self.outliers = 0;
         let dt = self.last.map_or(0.2, |t| time.seconds_since(t).min(1.0));
         // The plain mean at first, a low pass later.
         let gain = (dt / TIME_CONSTANT_S).max(1.0 / f64::from(self.observations + 1));

@@ -140,8 +140,11 @@ impl Outbound {
 
     /// The autopilot's own estimate, while it is not built on ours: aligns the frames.
     pub fn reference(&mut self, reference: &Reference, solution: &Solution) {
-        // The autopilot may still be digesting what it was sent.
-        let independent = self.last_published.is_none_or(|t| solution.time.seconds_since(t) > 10.0);
+        // An autopilot that was sent something may be following it. What it says is taken once, to begin with, and then only after a
+        // silence of ours. (With publish = "always" there is no such silence.)
+        let independent =
+            self.last_published.is_none_or(|t| solution.time.seconds_since(t) > INDEPENDENT_AFTER_S);
+        let independent = independent || !self.alignment.learned();
         if let Reference::Local { time, position_ned, .. } = reference
             && solution.mode == Mode::Aided
             && independent
@@ -241,6 +244,8 @@ impl Outbound {
     }
 }
 
+/// An autopilot has forgotten what it was sent after this long, s.
+const INDEPENDENT_AFTER_S: f64 = 10.0;
 /// Variance of the angular rate that is sent along, rad²/s²: a MEMS gyro's.
 const RATE_VARIANCE: f64 = 1e-4;
 
@@ -337,6 +342,24 @@ mod tests {
         }
         let sent = run(&mut out, 30_000, 30_100, Mode::Holdover);
         assert!((sent[0].position - Vector3::new(10.5, 19.0, -3.0)).norm() < 0.05, "{}", sent[0].position);
+    }
+
+    #[test]
+    fn one_wild_position_of_the_autopilot_moves_nothing_and_many_do() {
+        let mut out = Outbound::new(settings(Publish::Always));
+        let tell = |out: &mut Outbound, from: i64, to: i64, north: f64| {
+            for ms in (from..to).step_by(100) {
+                let s = solution(ms, Mode::Aided);
+                let position_ned = s.position_ned + Vector3::new(north, 0.0, 0.0);
+                let velocity_ned = s.velocity_ned;
+                out.reference(&Reference::Local { time: s.time, position_ned, velocity_ned }, &s);
+            }
+        };
+        tell(&mut out, 0, 5000, 1.0);
+        tell(&mut out, 5000, 5100, 900.0);
+        assert!((out.alignment().offset_ned().x - 1.0).abs() < 1e-9);
+        tell(&mut out, 5100, 15_000, 30.0);
+        assert!((out.alignment().offset_ned().x - 30.0).abs() < 0.1);
     }
 
     #[test]

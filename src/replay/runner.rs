@@ -8,7 +8,7 @@ use crate::metrics::{AidedErrors, AidedReport, ErrorSample, ReferenceState};
 use crate::navigator::event::{Event, What};
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
-use crate::pipeline::{Pipeline, PipelineSettings};
+use crate::pipeline::{GnssMask, Pipeline, PipelineSettings};
 use crate::sample::{GnssSample, Reference, Sample, SampleKind};
 use crate::time::{ApTime, Span};
 use crate::wire::clock::AutopilotClock;
@@ -48,9 +48,8 @@ struct Score {
 pub struct Runner {
     /// What is run.
     pub pipeline: Pipeline,
-    start: Option<ApTime>,
+    mask: GnssMask,
     end: Option<ApTime>,
-    outages: Vec<OutageScore>,
     truth: Score,
     gnss: Score,
     modes: Vec<ModeChange>,
@@ -84,13 +83,13 @@ pub struct Outcome {
 impl Runner {
     /// A runner with outages (start, end) in seconds since the first sample.
     pub fn new(settings: &PipelineSettings, outages: &[(f64, f64)]) -> Self {
-        let outages: Vec<_> = outages.iter().map(|&(a, b)| OutageScore::new(a, b)).collect();
-        let score = Score { aided: AidedErrors::default(), outages: outages.clone(), compared: 0 };
+        let mask = GnssMask::new(outages);
+        let outages = outages.iter().map(|&(a, b)| OutageScore::new(a, b)).collect();
+        let score = Score { aided: AidedErrors::default(), outages, compared: 0 };
         Self {
             pipeline: Pipeline::new(settings),
-            start: None,
+            mask,
             end: None,
-            outages,
             truth: score.clone(),
             gnss: score,
             modes: Vec::new(),
@@ -103,7 +102,7 @@ impl Runner {
 
     /// Seconds since the first sample.
     pub fn seconds(&self, time: ApTime) -> f64 {
-        self.start.map_or(0.0, |s| time.seconds_since(s))
+        self.mask.seconds(time)
     }
 
     /// The newest solution.
@@ -114,7 +113,7 @@ impl Runner {
     /// Adds an outage on the way (its start must lie ahead of what was taken).
     pub fn add_outage(&mut self, start_s: f64, end_s: f64) {
         let outage = OutageScore::new(start_s, end_s);
-        self.outages.push(outage.clone());
+        self.mask.add(start_s, end_s);
         self.truth.outages.push(outage.clone());
         self.gnss.outages.push(outage);
     }
@@ -141,20 +140,19 @@ impl Runner {
                 return &self.sent;
             }
         };
-        self.start.get_or_insert(time);
+        let withheld = self.mask.withholds(item);
         self.end = self.end.max(Some(time));
         let t = self.seconds(time);
         if let Item::Sample(sample) = item {
             self.heard[sample.kind() as usize] += 1;
         }
-        let in_outage = self.outages.iter().any(|o| o.contains(t));
         if let Item::Sample(Sample::Gnss(fix)) = item {
-            // The masked fix is compared with, and never used.
+            // The withheld fix is compared with, and never used.
             self.compare_with_gnss(fix, t);
-            if in_outage {
-                self.pipeline.navigator.mask_gnss(time);
-                return &self.sent;
-            }
+        }
+        if let Some(time) = withheld {
+            self.pipeline.navigator.mask_gnss(time);
+            return &self.sent;
         }
         let mut sent = std::mem::take(&mut self.sent);
         if let Some(solution) = self.pipeline.take(clock, item, &mut sent) {
@@ -202,9 +200,8 @@ impl Runner {
         if !self.pipeline.navigator.has_events() {
             return;
         }
-        let start = self.start;
         for event in self.pipeline.navigator.drain_events() {
-            let t_s = start.map_or(0.0, |s| event.time.seconds_since(s));
+            let t_s = self.mask.seconds(event.time);
             if let What::Mode { to, .. } = event.what {
                 self.modes.push(ModeChange { t_s, mode: to });
             }
