@@ -17,7 +17,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("sample", &["time", "geo"]),
     ("camera", &["geo", "sample", "time"]),
     ("altimeter", &["geo", "sample", "time"]),
-    ("observer", &["geo", "sample", "time"]),
+    ("observer", &["camera", "geo", "sample", "time"]),
     ("landmark", &["geo", "sample", "time"]),
     ("navigator", &["altimeter", "camera", "geo", "landmark", "observer", "sample", "time"]),
     ("outbound", &["geo", "navigator", "sample", "time"]),

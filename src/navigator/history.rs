@@ -18,7 +18,7 @@ struct Past {
 
 /// What is remembered of an instant.
 #[derive(Clone, Copy, Debug)]
-pub struct Instant {
+pub struct Moment {
     /// Attitude.
     pub r_body_to_ned: Matrix3<f64>,
     /// Rotation since the last instant, body axes, rad.
@@ -67,7 +67,7 @@ impl History {
     }
 
     /// Adds the newest instant.
-    pub fn push(&mut self, time: ApTime, i: &Instant) {
+    pub fn push(&mut self, time: ApTime, i: &Moment) {
         let turned_body = self.back(0).map_or(i.turned, |last| last.turned_body + i.turned);
         self.ring[self.next] = Past {
             time,
@@ -181,7 +181,7 @@ mod tests {
         for k in 0..200i64 {
             let t = k as f64 * 0.01;
             let r = so3::exp(&Vector3::new(0.0, 0.0, t));
-            let instant = Instant {
+            let instant = Moment {
                 r_body_to_ned: r,
                 turned: Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 }),
                 acceleration_ned: Vector3::new(t, 0.0, 0.0),

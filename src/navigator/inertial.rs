@@ -12,7 +12,7 @@ use crate::sample::ImuSample;
 use crate::time::ApTime;
 
 use super::event::Why;
-use super::history::Instant;
+use super::history::Moment;
 use super::settings::Estimator;
 use super::solution::{Carrier, Mode};
 use super::verdict::{Reason, Verdict};
@@ -181,7 +181,7 @@ impl Navigator {
         };
         let (position_ned, velocity_ned) =
             self.estimate().unwrap_or((state.position_ned, state.velocity_ned));
-        let instant = Instant {
+        let instant = Moment {
             r_body_to_ned: self.r_body_to_ned,
             turned: self.angular_rate_body * dt,
             acceleration_ned: acceleration,

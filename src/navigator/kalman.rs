@@ -45,7 +45,7 @@ pub(super) struct Kalman {
 impl Navigator {
     /// Starts the filter from the observer.
     pub(super) fn start_kalman(&mut self, now: ApTime) {
-        if self.settings.estimator != Estimator::Shipped {
+        if !matches!(self.settings.estimator, Estimator::Shipped | Estimator::Inertial) {
             return;
         }
         let (Some(state), Some(r)) = (self.state, self.state.and_then(|s| s.r_body_to_ned())) else { return };

@@ -20,7 +20,7 @@ pub enum Estimator {
     Nlo,
     /// The nonlinear observers with the gains and forms that the papers print.
     NloPrinted,
-    /// Observer with GNSS, inertial coasting without.
+    /// The shipped filter with GNSS, inertial coasting without: what there is to be gained from flow.
     Inertial,
 }
 
