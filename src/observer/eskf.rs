@@ -247,9 +247,7 @@ impl Eskf {
         innovation: f64,
         variance: f64,
     ) -> Result<Correction, Gated> {
-        let mut h = Row::zeros();
-        h[P + axis.min(2)] = 1.0;
-        self.fuse(&h, innovation, variance)
+        self.fuse(&unit_row(P + axis.min(2)), innovation, variance)
     }
 
     /// A velocity component (NED).
@@ -262,9 +260,7 @@ impl Eskf {
         innovation: f64,
         variance: f64,
     ) -> Result<Correction, Gated> {
-        let mut h = Row::zeros();
-        h[V + axis.min(2)] = 1.0;
-        self.fuse(&h, innovation, variance)
+        self.fuse(&unit_row(V + axis.min(2)), innovation, variance)
     }
 
     /// A magnetometer vector: m = Rᵀ m_n + b_m, body, T. Fused as three scalars.
@@ -352,6 +348,13 @@ impl Eskf {
         s.flow += dx.fixed_rows::<4>(FLOW);
         s.magnetic_bias += dx.fixed_rows::<3>(BM);
     }
+}
+
+/// The row of a measurement of one state itself.
+fn unit_row(index: usize) -> Row {
+    let mut h = Row::zeros();
+    h[index] = 1.0;
+    h
 }
 
 /// ∂m/∂x of one magnetometer axis; `field_body` is Rᵀ m_n. Exp(−δθ) x ≈ x + S(x) δθ.

@@ -19,32 +19,30 @@ struct Raw {
     satellites: u8,
 }
 
+/// [`Raw`] of either message: two types with the same fields.
+macro_rules! raw {
+    ($m:expr) => {
+        Raw {
+            time_usec: $m.time_usec,
+            fix: $m.fix_type,
+            lat_lon_e7: [$m.lat, $m.lon],
+            alt_mm: $m.alt,
+            vel_cms: $m.vel,
+            cog_cdeg: $m.cog,
+            acc_mm: [$m.h_acc, $m.v_acc, $m.vel_acc],
+            satellites: $m.satellites_visible,
+        }
+    };
+}
+
 impl Decoder {
     pub(super) fn gps_raw_int(&mut self, m: &apm::GPS_RAW_INT_DATA, out: Out<'_>) -> Result<(), Cause> {
-        let raw = Raw {
-            time_usec: m.time_usec,
-            fix: m.fix_type,
-            lat_lon_e7: [m.lat, m.lon],
-            alt_mm: m.alt,
-            vel_cms: m.vel,
-            cog_cdeg: m.cog,
-            acc_mm: [m.h_acc, m.v_acc, m.vel_acc],
-            satellites: m.satellites_visible,
-        };
+        let raw = raw!(m);
         self.receiver(0, &raw, out)
     }
 
     pub(super) fn gps2_raw(&mut self, m: &apm::GPS2_RAW_DATA, out: Out<'_>) -> Result<(), Cause> {
-        let raw = Raw {
-            time_usec: m.time_usec,
-            fix: m.fix_type,
-            lat_lon_e7: [m.lat, m.lon],
-            alt_mm: m.alt,
-            vel_cms: m.vel,
-            cog_cdeg: m.cog,
-            acc_mm: [m.h_acc, m.v_acc, m.vel_acc],
-            satellites: m.satellites_visible,
-        };
+        let raw = raw!(m);
         self.receiver(1, &raw, out)
     }
 
