@@ -263,6 +263,25 @@ fn flow_carries_the_vehicle_through_an_outage_and_back_without_a_jump() {
 }
 
 #[test]
+fn every_estimator_holds_over_as_well_as_it_can() {
+    let trajectory = Multirotor::square();
+    let gnss = outage(100.0, 160.0, || Gnss::Silent);
+    // Horizontal error after a minute, m: flow carries all but the inertial one.
+    for (name, bound) in [("shipped", 3.0), ("nlo", 6.0), ("nlo_printed", 12.0), ("inertial", 100.0)] {
+        let estimator = format!("observer.estimator={name}");
+        let overrides = [estimator.as_str(), "holdover.max_coast_s=3600", "holdover.max_sigma_m=100000"];
+        let log =
+            fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 4 }, 160.0, &overrides);
+        let error = log.horizontal_error(159.9);
+        assert!(error < bound, "{name}: {error} m");
+        let sigma = log.between(159.8, 160.1).next().unwrap().2.horizontal_sigma_m();
+        assert!(error < 3.0 * sigma, "{name}: {error} m with a sigma of {sigma} m");
+        let carrier = log.between(130.0, 131.0).next().unwrap().2.carrier;
+        assert_eq!(carrier == Carrier::Inertial, name == "inertial", "{name}");
+    }
+}
+
+#[test]
 fn uncertainty_grows_in_holdover_and_never_shrinks_in_straight_flight() {
     let trajectory = FixedWing::straight(20.0, 100.0, 1.0, 40.0);
     let gnss = outage(100.0, 1e9, || Gnss::Silent);
