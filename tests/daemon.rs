@@ -202,12 +202,15 @@ fn check(heard: &Heard, name: &str, outage: &str, frames: (f64, f64)) {
     let span_s = (times[times.len() - 1] - times[0]) * 1e-6;
     let rate_hz = (times.len() - 1) as f64 / span_s;
     assert!((28.5..=30.5).contains(&rate_hz), "{rate_hz} Hz over {span_s} s");
-    compare(&odometry, &replayed(name, outage), Flight::start_us(name) as f64 * 1e-6);
+    // What the two heard before the outage differs by the first second. Flow takes such a difference out; without it, coasting
+    // carries it on as a velocity.
+    let tolerance_m = if name == QUAD { 1.5 } else { 0.3 };
+    compare(&odometry, &replayed(name, outage), Flight::start_us(name) as f64 * 1e-6, tolerance_m);
 }
 
 /// The positions are `replay`'s, in the autopilot's frame: the same but for a constant difference of the origins. And each was
 /// sent in a mode in which it may be sent.
-fn compare(odometry: &[&Value], rows: &[Row], start_s: f64) {
+fn compare(odometry: &[&Value], rows: &[Row], start_s: f64, tolerance_m: f64) {
     let mut differences: [Vec<f64>; 3] = Default::default();
     for m in odometry {
         let t = number(m, "time_usec") * 1e-6 - start_s;
@@ -230,7 +233,8 @@ fn compare(odometry: &[&Value], rows: &[Row], start_s: f64) {
         let (least, median, most) = (d[0], d[d.len() / 2], d[d.len() - 1]);
         println!("axis {axis}: {} compared, offset {median:.3} m, from {least:.3} to {most:.3} m", d.len());
         assert!(median.abs() < 2.0, "the frames differ by {median} m on axis {axis}");
-        assert!(median - least < 0.3 && most - median < 0.3, "{least} {median} {most} m on axis {axis}");
+        let spread_m = (median - least).max(most - median);
+        assert!(spread_m < tolerance_m, "{least} {median} {most} m on axis {axis}");
     }
 }
 
