@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 use crate::geo::so3;
 use crate::observer::triad::normalised_triad;
 use crate::observer::{
-    Aiding, AttitudeReference, FusiniInput, GripInput, MagneticPair, ObserverState, Signal, StepReport,
-    fusini, grip,
+    Aiding, AttitudeReference, FusiniBiases, FusiniInput, FusiniParams, GripInput, MagneticPair,
+    ObserverState, Signal, StepReport, fusini, grip,
 };
 use crate::sample::ImuSample;
 use crate::time::ApTime;
@@ -103,8 +103,7 @@ impl Navigator {
                 reference,
                 k_p_override: (!printed).then_some(k_p),
             };
-            let mut biases = self.biases;
-            return fusini::step(&self.fusini, state, &mut biases, &input).ok();
+            return fusini_step(&self.fusini, state, &input);
         }
         let signal = self.signal();
         if let Some(pair) = magnetic {
@@ -138,8 +137,7 @@ impl Navigator {
             reference: AttitudeReference::FlowVelocity,
             k_p_override: None,
         };
-        let mut biases = self.biases;
-        fusini::step(&self.fusini, state, &mut biases, &input).ok()
+        fusini_step(&self.fusini, state, &input)
     }
 
     /// The measurement signal, its vertical part from the height filter.
@@ -237,6 +235,11 @@ impl Navigator {
         };
         self.change_mode(time, to, why);
     }
+}
+
+/// Fusini's step without its b_v and b_f: the calibration has taken the flow's errors out, and with K_f = 0 b_f is constant.
+fn fusini_step(params: &FusiniParams, state: &mut ObserverState, input: &FusiniInput) -> Option<StepReport> {
+    fusini::step(params, state, &mut FusiniBiases::default(), input).ok()
 }
 
 /// A flow velocity is used for this long, s.

@@ -1,8 +1,10 @@
 //! The navigator: samples in, a solution out. Pure, synchronous, deterministic: the same samples give the same bytes.
 //!
 //! While GNSS is trusted, Grip's observer (IMU, GNSS, magnetometer) estimates attitude, gyro bias, position and velocity, the height
-//! filter the height, and every flow sensor is compared with GNSS. When GNSS is lost, Fusini's dead-reckoning observer goes on from the
-//! same state with flow velocity and height, biases frozen, and an error budget grows. [`modes`] says when.
+//! filter the height, and every flow sensor is compared with GNSS. When the observer has found the attitude it starts the error-state
+//! filter, whose estimate is published from then on, and watches it. When GNSS is lost, the filter goes on with flow, magnetometer and
+//! height and its covariance grows; beside it Fusini's dead-reckoning observer goes on from Grip's state with the gyro bias frozen, which is
+//! what is published where the observers navigate alone (`nlo`), with an error budget. [`modes`] says when.
 
 mod aiding;
 pub mod budget;
@@ -23,7 +25,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
-use crate::observer::{FusiniBiases, FusiniParams, GripParams, ObserverState, Predictor, Scheme};
+use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
 use crate::sample::{ImuSample, Sample};
 use crate::time::{ApTime, Span};
 
@@ -71,7 +73,6 @@ pub struct Navigator {
     decimal_year: f64,
     /// `None` until the attitude has a first guess.
     state: Option<ObserverState>,
-    biases: FusiniBiases,
     /// The filter, once the observer has found the attitude.
     kalman: Option<Kalman>,
     predictor: Predictor,
@@ -125,7 +126,6 @@ impl Navigator {
             place: None,
             decimal_year: DEFAULT_YEAR,
             state: None,
-            biases: FusiniBiases::default(),
             kalman: None,
             predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros()),
             scheme,

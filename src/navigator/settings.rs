@@ -18,7 +18,8 @@ pub enum Estimator {
     Shipped,
     /// The nonlinear observers, tuned.
     Nlo,
-    /// The nonlinear observers with the gains and forms that the papers print.
+    /// The nonlinear observers with the gains and discretisation that the papers print; the flow's errors are taken out by its
+    /// calibration as for the others, not by the printed low pass.
     NloPrinted,
     /// The shipped filter with GNSS, inertial coasting without: what there is to be gained from flow.
     Inertial,
