@@ -34,9 +34,11 @@ pub enum Reason {
     Tilt,
     /// Beyond the sensor's own limits.
     OutOfRange,
+    /// The vehicle is too slow for it to mean anything.
+    TooSlow,
     /// The sensor contradicts GNSS.
     Distrusted,
-    /// This version of the navigator makes no use of it.
+    /// Of no use on this vehicle, or to this version of the navigator.
     NotUsed,
 }
 
@@ -56,6 +58,7 @@ impl Reason {
             Reason::NoDistance => "no height over ground".into(),
             Reason::Tilt => "too much tilt".into(),
             Reason::OutOfRange => "out of range".into(),
+            Reason::TooSlow => "too slow".into(),
             Reason::Distrusted => "contradicts GNSS".into(),
             Reason::NotUsed => "not used".into(),
         }
