@@ -12,8 +12,8 @@ use crate::sample::ImuSample;
 use crate::time::ApTime;
 
 use super::event::Why;
-use super::rest::Rest;
 use super::history::Moment;
+use super::rest::Rest;
 use super::settings::Estimator;
 use super::solution::{Carrier, Mode};
 use super::verdict::{Reason, Verdict};

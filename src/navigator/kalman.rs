@@ -180,7 +180,8 @@ impl Navigator {
         // tr(RᵀR̂) = 1 + 2 cos φ: near 3 they agree, and R̂ need not be made orthonormal to see it.
         let filter = kalman.filter.state().r_body_to_ned;
         let near = filter.component_mul(&state.r_hat).sum() > NEARLY_THE_SAME;
-        let apart = if near { Some(0.0) } else { state.r_body_to_ned().map(|r| so3::angle_between(&filter, &r)) };
+        let apart =
+            if near { Some(0.0) } else { state.r_body_to_ned().map(|r| so3::angle_between(&filter, &r)) };
         let Some(apart) = apart.filter(|a| *a >= DISAGREEMENT) else {
             kalman.disagree_since = None;
             return;
@@ -219,7 +220,8 @@ impl Navigator {
         };
         let Some(kalman) = &mut self.kalman else { return };
         let fused = kalman.filter.fuse_fix(e_p, e_v, accuracy.map(|a| a * a), &lag);
-        let kinds = [Measured::GnssPosition, Measured::GnssPosition, Measured::GnssVelocity, Measured::GnssVelocity];
+        let kinds =
+            [Measured::GnssPosition, Measured::GnssPosition, Measured::GnssVelocity, Measured::GnssVelocity];
         let mut corrections = [None; 4];
         for i in 0..4 {
             corrections[i] = fused[i].and_then(|f| self.note(kinds[i], f));

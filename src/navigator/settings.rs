@@ -30,6 +30,10 @@ pub enum Estimator {
 }
 
 impl Estimator {
+    /// All, in the order they are shown.
+    pub const ALL: [Estimator; 5] =
+        [Estimator::Shipped, Estimator::Nlo, Estimator::NloPrinted, Estimator::Ekf15, Estimator::Inertial];
+
     /// Its name, as in the configuration.
     pub const fn label(self) -> &'static str {
         match self {
