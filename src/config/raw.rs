@@ -78,6 +78,7 @@ struct Streams {
 #[serde(deny_unknown_fields)]
 struct Imu {
     max_gap_ms: f64,
+    samples: String,
 }
 
 #[derive(Deserialize)]
@@ -301,6 +302,7 @@ impl Raw {
         let (g, o, h) = (&self.gnss, &self.observer, &self.height);
         NavigatorSettings {
             estimator: o.estimator,
+            imu_instantaneous: self.imu.samples == "instants",
             imu_max_gap_s: self.imu.max_gap_ms * 1e-3,
             magnetometer: self.magnetometer.r#use,
             magnetometer_norm_error: self.magnetometer.max_norm_error,

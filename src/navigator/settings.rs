@@ -58,6 +58,8 @@ pub struct NavigatorSettings {
     pub estimator: Estimator,
     /// A longer hole in the IMU stream ends the navigation, s.
     pub imu_max_gap_s: f64,
+    /// IMU samples are values of an instant, as autopilots stream them, and not means over the interval before.
+    pub imu_instantaneous: bool,
     /// Use the magnetometer.
     pub magnetometer: bool,
     /// Largest relative deviation of the field's strength.
