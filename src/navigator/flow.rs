@@ -24,8 +24,10 @@ const RATE_INTERVAL_S: f64 = 0.05;
 /// How far a flow message's own distance may be from the height over ground, m, and as a part of it.
 const DISTANCE_TOLERANCE_M: f64 = 1.5;
 const DISTANCE_TOLERANCE: f64 = 0.3;
+/// Standard deviation of the height filter's climb rate, m/s.
+pub(super) const CLIMB_SIGMA_MPS: f64 = 0.3;
 /// The interval taken for the first sample, s.
-const FIRST_INTERVAL_S: f64 = 0.05;
+pub(super) const FIRST_INTERVAL_S: f64 = 0.05;
 
 /// One flow sensor.
 #[derive(Clone, Debug)]
@@ -33,20 +35,30 @@ pub(super) struct FlowSensor {
     id: u8,
     calibration: FlowCalibration,
     trust: Result<(), Distrust>,
-    last: Option<ApTime>,
+    pub(super) last: Option<ApTime>,
     outliers_s: f64,
 }
 
+/// The middle of a flow's interval.
+pub(super) struct FlowMoment {
+    pub(super) time: ApTime,
+    pub(super) r_body_to_ned: Matrix3<f64>,
+    /// Mean over the interval, bias removed.
+    pub(super) rate_body: Vector3<f64>,
+}
+
 /// A flow velocity before calibration.
-struct Measured {
-    time: ApTime,
-    r_body_to_ned: Matrix3<f64>,
+pub(super) struct Measured {
+    pub(super) time: ApTime,
+    pub(super) r_body_to_ned: Matrix3<f64>,
     /// Body x and y, m/s.
-    v_xy: Vector2<f64>,
-    noise: Matrix2<f64>,
-    interval_s: f64,
+    pub(super) v_xy: Vector2<f64>,
+    pub(super) noise: Matrix2<f64>,
+    /// Body z and its variance, where the image observes it by itself.
+    pub(super) v_z: Option<(f64, f64)>,
+    pub(super) interval_s: f64,
     /// The distance came from a rangefinder.
-    ranged: bool,
+    pub(super) ranged: bool,
 }
 
 impl Navigator {
@@ -54,29 +66,47 @@ impl Navigator {
         if !self.settings.flow.enabled {
             return Verdict::Rejected(Reason::SwitchedOff);
         }
-        let index = match self.flows.iter().position(|f| f.id == s.sensor) {
-            Some(i) => i,
+        if self.settings.flow.patches.find(s.sensor).is_some() {
+            return self.patch(s);
+        }
+        let Some(index) = self.flow_sensor(s.sensor) else { return Verdict::Rejected(Reason::Redundant) };
+        match self.measure(s, self.flows[index].last) {
+            Ok(measured) => self.take_flow(s.time, &measured, index),
+            Err(reason) => Verdict::Rejected(reason),
+        }
+    }
+
+    /// The place of a sensor among those that are told apart; `None` when there are too many.
+    pub(super) fn flow_sensor(&mut self, id: u8) -> Option<usize> {
+        match self.flows.iter().position(|f| f.id == id) {
+            Some(i) => Some(i),
             None if self.flows.len() < MAX_SENSORS => {
                 self.flows.push(FlowSensor {
-                    id: s.sensor,
+                    id,
                     calibration: FlowCalibration::new(self.settings.flow.calibration),
                     trust: Err(Distrust::NotCompared),
                     last: None,
                     outliers_s: 0.0,
                 });
-                self.flows.len() - 1
+                Some(self.flows.len() - 1)
             }
-            None => return Verdict::Rejected(Reason::Redundant),
-        };
-        let measured = match self.measure(s, self.flows[index].last) {
-            Ok(m) => m,
-            Err(reason) => return Verdict::Rejected(reason),
-        };
-        self.flows[index].last = Some(s.time);
+            None => None,
+        }
+    }
+
+    /// Stamps begin anew; what the sensors are worth stays known.
+    pub(super) fn forget_flow_times(&mut self) {
+        self.flows.iter_mut().for_each(|f| f.last = None);
+        self.patches.clear();
+    }
+
+    /// What a measured velocity is for depends on the mode.
+    pub(super) fn take_flow(&mut self, stamp: ApTime, measured: &Measured, index: usize) -> Verdict {
+        self.flows[index].last = Some(stamp);
         match self.modes.mode() {
-            Mode::Aligning => self.hold_direction(&measured, index),
-            Mode::Aided | Mode::Rejoining => self.compare(&measured, index),
-            Mode::Holdover | Mode::Lost => self.carry(&measured, index),
+            Mode::Aligning => self.hold_direction(measured, index),
+            Mode::Aided | Mode::Rejoining => self.compare(measured, index),
+            Mode::Holdover | Mode::Lost => self.carry(measured, index),
         }
     }
 
@@ -91,14 +121,7 @@ impl Navigator {
         if last.is_some_and(|t| s.time <= t) {
             return Err(Reason::OutOfOrder);
         }
-        let end = s.time - Span::from_seconds(settings.delay_s);
-        let begin = end - s.interval;
-        let middle = end - Span::from_micros(s.interval.micros() / 2);
-        let newest = self.last_imu.ok_or(Reason::NoReferenceYet)?;
-        // A sample a little ahead of the IMU stream is as good as its newest attitude.
-        let r = self.history.attitude(middle.min(newest)).ok_or(Reason::NoReferenceYet)?;
-        let rate_body =
-            self.history.mean_rate(begin.min(newest), end.min(newest)).unwrap_or(self.angular_rate_body);
+        let FlowMoment { time, r_body_to_ned: r, rate_body } = self.flow_moment(s.time, s.interval)?;
         let mount = &settings.mount;
         let cosine = mount.cos_tilt(&r);
         let (distance_m, height_m) = self.distance(s, cosine);
@@ -138,19 +161,34 @@ impl Navigator {
         }
         let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
         Ok(Measured {
-            time: middle.min(newest),
+            time,
             r_body_to_ned: r,
             v_xy: v_body.xy(),
             noise: seen.covariance,
+            v_z: None,
             interval_s,
             ranged,
         })
     }
 
+    /// When a flow was really measured, and how the body stood and turned then.
+    pub(super) fn flow_moment(&self, stamp: ApTime, interval: Span) -> Result<FlowMoment, Reason> {
+        let end = stamp - Span::from_seconds(self.settings.flow.delay_s);
+        let begin = end - interval;
+        let middle = end - Span::from_micros(interval.micros() / 2);
+        let newest = self.last_imu.ok_or(Reason::NoReferenceYet)?;
+        // A sample a little ahead of the IMU stream is as good as its newest attitude.
+        let time = middle.min(newest);
+        let r_body_to_ned = self.history.attitude(time).ok_or(Reason::NoReferenceYet)?;
+        let rate_body =
+            self.history.mean_rate(begin.min(newest), end.min(newest)).unwrap_or(self.angular_rate_body);
+        Ok(FlowMoment { time, r_body_to_ned, rate_body })
+    }
+
     /// Distance along the optical axis if it is measured, and else the height over ground. The rangefinder's own message comes with
     /// limits and is checked; the distance in the flow's message is taken only where there is no rangefinder, and where it does not
     /// contradict the height.
-    fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
+    pub(super) fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
         let height = self.height.height_m().zip(self.ground_m).map(|(height, ground)| height - ground);
         let ranged =
             self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
@@ -268,11 +306,16 @@ impl Navigator {
         Verdict::Used
     }
 
-    /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate.
+    /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate; body z is weighted with the image's own
+    /// where it observes that.
     fn in_body(&self, m: &Measured, v_xy: &Vector2<f64>) -> Vector3<f64> {
         let down = m.r_body_to_ned.row(2);
         let v_down = -self.height.climb_mps();
         let z = (v_down - down[0] * v_xy.x - down[1] * v_xy.y) / down[2].max(0.1);
+        let z = m.v_z.map_or(z, |(own, variance)| {
+            let climb = CLIMB_SIGMA_MPS * CLIMB_SIGMA_MPS;
+            (own * climb + z * variance) / (climb + variance)
+        });
         Vector3::new(v_xy.x, v_xy.y, z)
     }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::altimeter::HeightSettings;
-use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
+use crate::camera::{CalibrationSettings, CameraMount, PatchLimits, PatchTable};
 
 use crate::observer::eskf::EskfSettings;
 
@@ -94,6 +94,8 @@ pub struct FlowSettings {
     pub limits: PatchLimits,
     /// Where and how the camera sits.
     pub mount: CameraMount,
+    /// Sensor ids that are patches of one image.
+    pub patches: PatchTable,
     /// What is known beforehand.
     pub calibration: CalibrationSettings,
 }
