@@ -110,6 +110,7 @@ struct Gnss {
 struct Flow {
     r#use: bool,
     delay_ms: f64,
+    delay_sigma_ms: f64,
     min_quality: f64,
     rate_noise_radps: f64,
     max_tilt_deg: f64,
@@ -386,6 +387,7 @@ impl Raw {
         FlowSettings {
             enabled: f.r#use,
             delay_s: f.delay_ms * 1e-3,
+            delay_sigma_s: f.delay_sigma_ms * 1e-3,
             rate_noise_radps: f.rate_noise_radps,
             limits: PatchLimits {
                 max_tilt_rad: f.max_tilt_deg.to_radians(),

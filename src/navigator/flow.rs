@@ -9,6 +9,7 @@ use crate::time::{ApTime, Span};
 
 use super::Navigator;
 use super::event::What;
+use super::latency::FlowLatency;
 use super::settings::Estimator;
 use super::solution::Mode;
 use super::verdict::{Reason, Verdict};
@@ -26,6 +27,8 @@ const DISTANCE_TOLERANCE_M: f64 = 1.5;
 const DISTANCE_TOLERANCE: f64 = 0.3;
 /// Standard deviation of the height filter's climb rate, m/s.
 pub(super) const CLIMB_SIGMA_MPS: f64 = 0.3;
+/// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
+const LATENCY_STEP_S: f64 = 0.04;
 /// The interval taken for the first sample, s.
 pub(super) const FIRST_INTERVAL_S: f64 = 0.05;
 
@@ -35,6 +38,7 @@ pub(super) struct FlowSensor {
     id: u8,
     calibration: FlowCalibration,
     trust: Result<(), Distrust>,
+    latency: FlowLatency,
     pub(super) last: Option<ApTime>,
     outliers_s: f64,
 }
@@ -70,10 +74,12 @@ impl Navigator {
             return self.patch(s);
         }
         let Some(index) = self.flow_sensor(s.sensor) else { return Verdict::Rejected(Reason::Redundant) };
-        match self.measure(s, self.flows[index].last) {
-            Ok(measured) => self.take_flow(s.time, &measured, index),
-            Err(reason) => Verdict::Rejected(reason),
+        let last = self.flows[index].last;
+        if last.is_some_and(|t| s.time <= t) {
+            return Verdict::Rejected(Reason::OutOfOrder);
         }
+        let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
+        self.flow_measured(s.time, index, |navigator, delay_s| navigator.measure(s, interval_s, delay_s))
     }
 
     /// The place of a sensor among those that are told apart; `None` when there are too many.
@@ -85,6 +91,7 @@ impl Navigator {
                     id,
                     calibration: FlowCalibration::new(self.settings.flow.calibration),
                     trust: Err(Distrust::NotCompared),
+                    latency: FlowLatency::new(self.settings.flow.delay_s, self.settings.flow.delay_sigma_s),
                     last: None,
                     outliers_s: 0.0,
                 });
@@ -96,12 +103,51 @@ impl Navigator {
 
     /// Stamps begin anew; what the sensors are worth stays known.
     pub(super) fn forget_flow_times(&mut self) {
-        self.flows.iter_mut().for_each(|f| f.last = None);
+        for sensor in &mut self.flows {
+            sensor.last = None;
+            sensor.latency.interrupt();
+        }
         self.patches.clear();
     }
 
-    /// What a measured velocity is for depends on the mode.
-    pub(super) fn take_flow(&mut self, stamp: ApTime, measured: &Measured, index: usize) -> Verdict {
+    /// A flow with this stamp, as `measure` evaluates it for a latency. What the velocity is for depends on the mode.
+    pub(super) fn flow_measured(
+        &mut self,
+        stamp: ApTime,
+        index: usize,
+        measure: impl Fn(&Self, f64) -> Result<Measured, Reason>,
+    ) -> Verdict {
+        let delay_s = self.flows[index].latency.latency_s();
+        let measured = match measure(self, delay_s) {
+            Ok(measured) => measured,
+            Err(reason) => return Verdict::Rejected(reason),
+        };
+        if self.modes.mode() == Mode::Aided && self.flows[index].latency.learns() {
+            match measure(self, delay_s + LATENCY_STEP_S) {
+                Ok(earlier) => self.learn_latency(&measured, &earlier, index),
+                Err(_) => self.flows[index].latency.interrupt(),
+            }
+        }
+        self.take_flow(stamp, &measured, index)
+    }
+
+    /// How flow and GNSS differ, and how that would change if the flow were older.
+    fn learn_latency(&mut self, now: &Measured, earlier: &Measured, index: usize) {
+        let age = now.time.seconds_since(earlier.time);
+        let (Some(v_now), Some(v_earlier)) = (self.gnss_velocity(now), self.gnss_velocity(earlier)) else {
+            return;
+        };
+        if age < 0.5 * LATENCY_STEP_S {
+            return;
+        }
+        let sensor = &mut self.flows[index];
+        let residual = now.v_xy - v_now - FlowCalibration::jacobian(&v_now) * sensor.calibration.estimate();
+        let by_latency = ((earlier.v_xy - v_earlier) - (now.v_xy - v_now)) / age;
+        let variance = 0.5 * now.noise.trace() * sensor.calibration.noise_factor();
+        sensor.latency.observe(now.time, &residual, &by_latency, variance);
+    }
+
+    fn take_flow(&mut self, stamp: ApTime, measured: &Measured, index: usize) -> Verdict {
         self.flows[index].last = Some(stamp);
         match self.modes.mode() {
             Mode::Aligning => self.hold_direction(measured, index),
@@ -112,16 +158,14 @@ impl Navigator {
 
     /// The flow as velocity: v_x = d·(ω_flow,y − ω_y), v_y = −d·(ω_flow,x − ω_x) at the camera (spec of OPTICAL_FLOW_RAD), turned to
     /// body axes and moved to the IMU. The vertical component, which one patch does not see, is the height filter's climb rate.
-    fn measure(&self, s: &FlowSample, last: Option<ApTime>) -> Result<Measured, Reason> {
+    fn measure(&self, s: &FlowSample, interval_s: f64, delay_s: f64) -> Result<Measured, Reason> {
         let settings = &self.settings.flow;
         let [rate_x, rate_y] = s.rate_xy;
         if !(rate_x.is_finite() && rate_y.is_finite() && s.quality.is_finite()) {
             return Err(Reason::NotFinite);
         }
-        if last.is_some_and(|t| s.time <= t) {
-            return Err(Reason::OutOfOrder);
-        }
-        let FlowMoment { time, r_body_to_ned: r, rate_body } = self.flow_moment(s.time, s.interval)?;
+        let FlowMoment { time, r_body_to_ned: r, rate_body } =
+            self.flow_moment(s.time, s.interval, delay_s)?;
         let mount = &settings.mount;
         let cosine = mount.cos_tilt(&r);
         let (distance_m, height_m) = self.distance(s, cosine);
@@ -159,7 +203,6 @@ impl Navigator {
         if !v_body.iter().all(|v| v.is_finite()) {
             return Err(Reason::NotFinite);
         }
-        let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
         Ok(Measured {
             time,
             r_body_to_ned: r,
@@ -172,8 +215,13 @@ impl Navigator {
     }
 
     /// When a flow was really measured, and how the body stood and turned then.
-    pub(super) fn flow_moment(&self, stamp: ApTime, interval: Span) -> Result<FlowMoment, Reason> {
-        let end = stamp - Span::from_seconds(self.settings.flow.delay_s);
+    pub(super) fn flow_moment(
+        &self,
+        stamp: ApTime,
+        interval: Span,
+        delay_s: f64,
+    ) -> Result<FlowMoment, Reason> {
+        let end = stamp - Span::from_seconds(delay_s);
         let begin = end - interval;
         let middle = end - Span::from_micros(interval.micros() / 2);
         let newest = self.last_imu.ok_or(Reason::NoReferenceYet)?;
@@ -214,11 +262,7 @@ impl Navigator {
     fn compare(&mut self, m: &Measured, index: usize) -> Verdict {
         let corrected = self.flows[index].calibration.correct(&m.v_xy);
         self.flow_body = Some((m.time, self.in_body(m, &corrected)));
-        let Some((_, v_ned)) = self.predicted(m.time) else {
-            return Verdict::Rejected(Reason::NoReferenceYet);
-        };
-        let v_gnss =
-            (m.r_body_to_ned.transpose() * Vector3::new(v_ned.x, v_ned.y, -self.height.climb_mps())).xy();
+        let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
         let sensor = &mut self.flows[index];
         sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, m.interval_s);
         let trust = sensor.calibration.trust();
@@ -236,6 +280,12 @@ impl Navigator {
             );
         }
         Verdict::Used
+    }
+
+    /// The velocity that GNSS gives when the flow was measured, body x and y, m/s.
+    fn gnss_velocity(&self, m: &Measured) -> Option<Vector2<f64>> {
+        let (_, v_ned) = self.predicted(m.time)?;
+        Some(m.r_body_to_ned.tr_mul(&Vector3::new(v_ned.x, v_ned.y, -self.height.climb_mps())).xy())
     }
 
     /// GNSS is gone: the flow carries the velocity.
@@ -339,6 +389,11 @@ impl Navigator {
     /// The flow sensors with their calibration [b_x, b_y, s, μ] and whether they are trusted.
     pub fn flow_sensors(&self) -> impl Iterator<Item = (u8, &FlowCalibration, Result<(), Distrust>)> {
         self.flows.iter().map(|f| (f.id, &f.calibration, f.trust))
+    }
+
+    /// The latencies of the flow sensors in force, s, with their standard deviations, by sensor id.
+    pub fn flow_latencies_s(&self) -> impl Iterator<Item = (u8, f64, f64)> {
+        self.flows.iter().map(|f| (f.id, f.latency.latency_s(), f.latency.sigma_s()))
     }
 }
 

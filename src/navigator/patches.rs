@@ -115,17 +115,18 @@ impl Navigator {
             return Verdict::Rejected(Reason::Redundant);
         };
         let Some(stamp) = self.patches.stamp() else { return Verdict::Rejected(Reason::NotUsed) };
-        match self.measure_image(stamp, self.flows[index].last) {
-            Ok(measured) => self.take_flow(stamp, &measured, index),
-            Err(reason) => Verdict::Rejected(reason),
-        }
+        let last = self.flows[index].last;
+        let interval_s = last.map_or(FIRST_INTERVAL_S, |t| stamp.seconds_since(t)).min(1.0);
+        self.flow_measured(stamp, index, |navigator, delay_s| {
+            navigator.measure_image(stamp, interval_s, delay_s)
+        })
     }
 
     /// The velocity of the body's origin from the patches that wait.
-    fn measure_image(&self, stamp: ApTime, last: Option<ApTime>) -> Result<Measured, Reason> {
+    fn measure_image(&self, stamp: ApTime, interval_s: f64, delay_s: f64) -> Result<Measured, Reason> {
         let (settings, samples) = (&self.settings.flow, &self.patches.samples);
         let first = samples.first().ok_or(Reason::NotUsed)?;
-        let moment = self.flow_moment(stamp, first.interval)?;
+        let moment = self.flow_moment(stamp, first.interval, delay_s)?;
         let (r, mount) = (moment.r_body_to_ned, &settings.mount);
         let cosine = mount.cos_tilt(&r);
         let with_distance = samples.iter().find(|s| s.distance_m.is_some()).unwrap_or(first);
@@ -179,7 +180,7 @@ impl Navigator {
             v_xy: v_body.xy(),
             noise: covariance.fixed_view::<2, 2>(0, 0).into_owned(),
             v_z: observed.then_some((v_body.z, covariance[(2, 2)])),
-            interval_s: last.map_or(FIRST_INTERVAL_S, |t| stamp.seconds_since(t)).min(1.0),
+            interval_s,
             ranged: distance_m.is_some(),
         })
     }

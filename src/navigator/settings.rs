@@ -88,6 +88,8 @@ pub struct FlowSettings {
     pub enabled: bool,
     /// Age of a sample beyond its own stamp, s.
     pub delay_s: f64,
+    /// Its standard deviation, s; 0 keeps it.
+    pub delay_sigma_s: f64,
     /// Noise of the rate of a sample, rad/s.
     pub rate_noise_radps: f64,
     /// What is refused.
