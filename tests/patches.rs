@@ -194,3 +194,24 @@ fn a_patch_twice_and_a_patch_of_nonsense_are_refused() {
     });
     assert!(flown.navigator.solution().is_some());
 }
+
+#[test]
+fn a_camera_that_is_late_is_found_to_be() {
+    let late = |latency_s: f64, overrides: &[&str]| {
+        let overrides: Vec<&str> = FIXED.iter().chain(overrides).copied().collect();
+        let flown = fly(220.0, 160.0, &overrides, &|navigator, _, _, t| {
+            let past = Multirotor::square().at(t - latency_s);
+            all(navigator, &past, -past.position_ned.z, t);
+        });
+        let (_, latency, sigma) = flown.navigator.flow_latencies_s().next().unwrap();
+        (latency, sigma, flown.error_m)
+    };
+    for latency_s in [0.0, 0.12] {
+        let (found, sigma, error_m) = late(latency_s, &[]);
+        assert!((found - latency_s).abs() < 0.025, "{found} ± {sigma}");
+        assert!((found - latency_s).abs() < 4.0 * sigma && sigma < 0.03, "{found} ± {sigma}");
+        assert!(error_m < 2.5, "{error_m}");
+    }
+    let (kept, sigma, _) = late(0.12, &["flow.delay_sigma_ms=0"]);
+    assert_eq!((kept, sigma), (0.0, 0.0));
+}
