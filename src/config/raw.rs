@@ -5,6 +5,7 @@ use serde::Deserialize;
 use crate::altimeter::HeightSettings;
 use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
 use crate::geo::so3::Euler;
+use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::settings::{
     Estimator, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings, ObserverSettings,
@@ -30,6 +31,7 @@ pub(super) struct Raw {
     magnetometer: Magnetometer,
     gnss: Gnss,
     flow: Flow,
+    airspeed: Airspeed,
     range: Range,
     height: Height,
     observer: Observer,
@@ -134,6 +136,15 @@ struct Flow {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct Airspeed {
+    r#use: bool,
+    min_mps: f64,
+    sigma_mps: f64,
+    sideslip_sigma_deg: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Range {
     max_age_s: f64,
 }
@@ -170,10 +181,16 @@ struct Observer {
 struct Kalman {
     gyro_noise: f64,
     accel_noise: f64,
+    gyro_rate_noise: f64,
+    accel_load_noise: f64,
     gyro_bias_walk: f64,
     accel_bias_walk: f64,
     magnetic_bias_sigma_ut: f64,
     magnetic_bias_walk_ut: f64,
+    gyro_scale_sigma: f64,
+    wind_sigma_mps: f64,
+    wind_walk: f64,
+    airspeed_scale_sigma: f64,
     flow_bias_walk: f64,
     flow_scale_walk: f64,
     gate_sigma: f64,
@@ -324,10 +341,16 @@ impl Raw {
             kalman: EskfSettings {
                 gyro_noise: self.kalman.gyro_noise,
                 accel_noise: self.kalman.accel_noise,
+                gyro_rate_noise: self.kalman.gyro_rate_noise,
+                accel_load_noise: self.kalman.accel_load_noise,
                 gyro_bias_walk: self.kalman.gyro_bias_walk,
                 accel_bias_walk: self.kalman.accel_bias_walk,
                 magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,
                 magnetic_bias_walk: self.kalman.magnetic_bias_walk_ut * 1e-6,
+                gyro_scale_sigma: self.kalman.gyro_scale_sigma,
+                wind_sigma: self.kalman.wind_sigma_mps,
+                wind_walk: self.kalman.wind_walk,
+                airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
                 gate_sigma: self.kalman.gate_sigma,
@@ -351,6 +374,12 @@ impl Raw {
                 },
             },
             flow: self.flow(patches),
+            air: AirSettings {
+                enabled: self.airspeed.r#use,
+                min_mps: self.airspeed.min_mps,
+                sigma_mps: self.airspeed.sigma_mps,
+                sideslip_sigma_rad: self.airspeed.sideslip_sigma_deg.to_radians(),
+            },
             range_max_age_s: self.range.max_age_s,
             height: HeightSettings {
                 accel_noise: h.accel_noise,
