@@ -148,7 +148,7 @@ const BLOCK_S: f64 = 0.2;
 /// A block is compared with the one so many before it: a second, in which the acceleration has changed.
 const LAG: usize = 5;
 /// Blocks further apart are not compared, s.
-const BLOCKS_APART_S: f64 = 2.0;
+const BLOCKS_APART_S: f64 = 3.0;
 /// Noise of the velocity that GNSS gives over a block, m/s: what is not flow's own.
 const REFERENCE_NOISE: f64 = 0.1;
 /// Flow's noise is averaged by no more samples than this: it is not white.
