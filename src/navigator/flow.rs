@@ -263,8 +263,9 @@ impl Navigator {
         let corrected = self.flows[index].calibration.correct(&m.v_xy);
         self.flow_body = Some((m.time, self.in_body(m, &corrected)));
         let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        let lasting = self.heading_doubt(&v_gnss);
         let sensor = &mut self.flows[index];
-        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, m.interval_s);
+        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, &lasting, m.interval_s);
         let trust = sensor.calibration.trust();
         let covariance = m.noise * sensor.calibration.noise_factor();
         let changed = trust != sensor.trust;
@@ -280,6 +281,14 @@ impl Navigator {
             );
         }
         Verdict::Used
+    }
+
+    /// What the filter's own doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s².
+    fn heading_doubt(&self, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
+        let across = Vector2::new(-v_gnss.y, v_gnss.x);
+        self.kalman
+            .as_ref()
+            .map_or(Matrix2::zeros(), |_| across * across.transpose() * self.attitude_variance().z)
     }
 
     /// The velocity that GNSS gives when the flow was measured, body x and y, m/s.
