@@ -3,8 +3,9 @@
 use serde::Deserialize;
 
 use crate::altimeter::HeightSettings;
-use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
+use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
 use crate::geo::so3::Euler;
+use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::settings::{
     Estimator, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings, ObserverSettings,
@@ -30,6 +31,7 @@ pub(super) struct Raw {
     magnetometer: Magnetometer,
     gnss: Gnss,
     flow: Flow,
+    airspeed: Airspeed,
     range: Range,
     height: Height,
     observer: Observer,
@@ -76,6 +78,7 @@ struct Streams {
 #[serde(deny_unknown_fields)]
 struct Imu {
     max_gap_ms: f64,
+    samples: String,
 }
 
 #[derive(Deserialize)]
@@ -110,6 +113,7 @@ struct Gnss {
 struct Flow {
     r#use: bool,
     delay_ms: f64,
+    delay_sigma_ms: f64,
     min_quality: f64,
     rate_noise_radps: f64,
     max_tilt_deg: f64,
@@ -121,6 +125,7 @@ struct Flow {
     lever_arm_x_m: f64,
     lever_arm_y_m: f64,
     lever_arm_z_m: f64,
+    patches_deg: Vec<String>,
     bias_sigma_mps: f64,
     scale_sigma: f64,
     misalignment_sigma_deg: f64,
@@ -128,6 +133,15 @@ struct Flow {
     scale_walk: f64,
     max_scale_error: f64,
     max_bias_mps: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Airspeed {
+    r#use: bool,
+    min_mps: f64,
+    sigma_mps: f64,
+    sideslip_sigma_deg: f64,
 }
 
 #[derive(Deserialize)]
@@ -168,10 +182,16 @@ struct Observer {
 struct Kalman {
     gyro_noise: f64,
     accel_noise: f64,
+    gyro_rate_noise: f64,
+    accel_load_noise: f64,
     gyro_bias_walk: f64,
     accel_bias_walk: f64,
     magnetic_bias_sigma_ut: f64,
     magnetic_bias_walk_ut: f64,
+    gyro_scale_sigma: f64,
+    wind_sigma_mps: f64,
+    wind_walk: f64,
+    airspeed_scale_sigma: f64,
     flow_bias_walk: f64,
     flow_scale_walk: f64,
     gate_sigma: f64,
@@ -219,6 +239,36 @@ fn dpm(v: f64) -> f64 {
     v.to_radians() / 60.0
 }
 
+/// The steepest angle from the optical axis at which a patch can be, degrees.
+const STEEPEST_PATCH_DEG: f64 = 70.0;
+
+/// `SENSOR:RIGHT:FORWARD`, angles in degrees.
+fn patch_table(texts: &[String], mut complain: impl FnMut(String)) -> PatchTable {
+    let mut table = PatchTable::default();
+    for text in texts {
+        let mut parts = text.split(':').map(str::trim);
+        let sensor = parts.next().and_then(|p| p.parse::<u8>().ok());
+        let mut angle = || {
+            let degrees = parts.next()?.parse::<f64>().ok()?;
+            (degrees.abs() <= STEEPEST_PATCH_DEG).then_some(degrees.to_radians())
+        };
+        let (right, forward) = (angle(), angle());
+        match (sensor, right, forward, parts.next()) {
+            (Some(sensor), Some(right), Some(forward), None) => {
+                if !table.add(PatchCentre::from_angles(sensor, right, forward)) {
+                    complain(format!(
+                        "\"{text}\": the sensor id stands there twice, or there are more than {MAX_PATCHES}"
+                    ));
+                }
+            }
+            _ => complain(format!(
+                "\"{text}\" is not SENSOR:RIGHT:FORWARD, an id of 0 to 255 and two angles of at most {STEEPEST_PATCH_DEG} degrees"
+            )),
+        }
+    }
+    table
+}
+
 impl Raw {
     pub(super) fn validate(self) -> Result<Settings, ConfigError> {
         let mut problems = Vec::new();
@@ -232,6 +282,7 @@ impl Raw {
                 Err(e) => complain("link.endpoints", e.to_string()),
             }
         }
+        let patches = patch_table(&self.flow.patches_deg, |what| complain("flow.patches_deg", what));
         if self.link.reconnect_min_ms > self.link.reconnect_max_ms {
             complain("link.reconnect_min_ms", "is greater than link.reconnect_max_ms".into());
         }
@@ -276,14 +327,15 @@ impl Raw {
             },
             statustext: self.outbound.statustext,
             log_level: self.log.level.clone(),
-            pipeline: PipelineSettings { navigator: self.navigator(), outbound, profile },
+            pipeline: PipelineSettings { navigator: self.navigator(patches), outbound, profile },
         })
     }
 
-    fn navigator(&self) -> NavigatorSettings {
+    fn navigator(&self, patches: PatchTable) -> NavigatorSettings {
         let (g, o, h) = (&self.gnss, &self.observer, &self.height);
         NavigatorSettings {
             estimator: o.estimator,
+            imu_instantaneous: self.imu.samples == "instants",
             imu_max_gap_s: self.imu.max_gap_ms * 1e-3,
             magnetometer: self.magnetometer.r#use,
             magnetometer_norm_error: self.magnetometer.max_norm_error,
@@ -291,10 +343,16 @@ impl Raw {
             kalman: EskfSettings {
                 gyro_noise: self.kalman.gyro_noise,
                 accel_noise: self.kalman.accel_noise,
+                gyro_rate_noise: self.kalman.gyro_rate_noise,
+                accel_load_noise: self.kalman.accel_load_noise,
                 gyro_bias_walk: self.kalman.gyro_bias_walk,
                 accel_bias_walk: self.kalman.accel_bias_walk,
                 magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,
                 magnetic_bias_walk: self.kalman.magnetic_bias_walk_ut * 1e-6,
+                gyro_scale_sigma: self.kalman.gyro_scale_sigma,
+                wind_sigma: self.kalman.wind_sigma_mps,
+                wind_walk: self.kalman.wind_walk,
+                airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
                 gate_sigma: self.kalman.gate_sigma,
@@ -317,7 +375,13 @@ impl Raw {
                     consistency_rate_mps: g.consistency_rate_mps,
                 },
             },
-            flow: self.flow(),
+            flow: self.flow(patches),
+            air: AirSettings {
+                enabled: self.airspeed.r#use,
+                min_mps: self.airspeed.min_mps,
+                sigma_mps: self.airspeed.sigma_mps,
+                sideslip_sigma_rad: self.airspeed.sideslip_sigma_deg.to_radians(),
+            },
             range_max_age_s: self.range.max_age_s,
             height: HeightSettings {
                 accel_noise: h.accel_noise,
@@ -344,7 +408,7 @@ impl Raw {
         }
     }
 
-    fn flow(&self) -> FlowSettings {
+    fn flow(&self, patches: PatchTable) -> FlowSettings {
         let f = &self.flow;
         let mounting = Euler {
             roll_rad: f.mount_roll_deg.to_radians(),
@@ -354,6 +418,7 @@ impl Raw {
         FlowSettings {
             enabled: f.r#use,
             delay_s: f.delay_ms * 1e-3,
+            delay_sigma_s: f.delay_sigma_ms * 1e-3,
             rate_noise_radps: f.rate_noise_radps,
             limits: PatchLimits {
                 max_tilt_rad: f.max_tilt_deg.to_radians(),
@@ -368,6 +433,7 @@ impl Raw {
                 r_body_to_camera: mounting.to_rotation().transpose(),
                 lever_arm_body: Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m),
             },
+            patches,
             calibration: CalibrationSettings {
                 bias_sigma_mps: f.bias_sigma_mps,
                 scale_sigma: f.scale_sigma,

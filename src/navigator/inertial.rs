@@ -13,6 +13,7 @@ use crate::time::ApTime;
 
 use super::event::Why;
 use super::history::Moment;
+use super::rest::Rest;
 use super::settings::Estimator;
 use super::solution::{Carrier, Mode};
 use super::verdict::{Reason, Verdict};
@@ -50,8 +51,9 @@ impl Navigator {
         let Some(mut state) = self.state else {
             return Verdict::Rejected(Reason::NoReferenceYet);
         };
-        // The streams carry instantaneous values; over the interval the mean of its two ends is nearer to the truth than either.
-        let mean = self.last_sample.replace(*s).map_or(*s, |last| ImuSample {
+        // Over the interval the mean of its two ends is nearer to the truth than either instant.
+        let last = self.last_sample.replace(*s).filter(|_| self.settings.imu_instantaneous);
+        let mean = last.map_or(*s, |last| ImuSample {
             time: s.time,
             angular_rate_body: 0.5 * (last.angular_rate_body + s.angular_rate_body),
             specific_force_body: 0.5 * (last.specific_force_body + s.specific_force_body),
@@ -189,6 +191,7 @@ impl Navigator {
         self.history.push(s.time, &instant);
         self.predictor.propagate(s.time, &integrated, &velocity_ned);
         self.height.predict(dt, -acceleration.z);
+        self.look_for_rest(s);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);
     }
@@ -227,6 +230,7 @@ impl Navigator {
         self.flow_body = None;
         self.range = None;
         self.last_sample = None;
+        self.rest = Rest::default();
         self.latency.interrupt();
         let to = match self.modes.mode() {
             Mode::Aligning => return,

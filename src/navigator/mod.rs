@@ -7,6 +7,7 @@
 //! what is published where the observers navigate alone (`nlo`), with an error budget. [`modes`] says when.
 
 mod aiding;
+pub mod air;
 pub mod budget;
 pub mod event;
 mod flow;
@@ -16,6 +17,9 @@ mod inertial;
 mod kalman;
 pub mod latency;
 pub mod modes;
+pub mod nis;
+mod patches;
+mod rest;
 pub mod settings;
 pub mod solution;
 pub mod trust;
@@ -25,8 +29,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
+use crate::observer::eskf::EskfState;
 use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
-use crate::sample::{ImuSample, Sample};
+use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
 
 use budget::ErrorBudget;
@@ -36,6 +41,9 @@ use history::History;
 use kalman::Kalman;
 use latency::LatencyEstimator;
 use modes::ModeState;
+use nis::NisTally;
+use patches::Gathering;
+use rest::Rest;
 use settings::{Estimator, NavigatorSettings};
 use solution::{Carrier, Mode, Solution};
 use trust::{GnssState, GnssTrust};
@@ -86,10 +94,16 @@ pub struct Navigator {
     gnss_sigma_m: f64,
     gnss_height_rejected: u32,
     flows: Vec<FlowSensor>,
+    patches: Gathering,
     /// Corrected flow velocity in body axes, for the velocity triad, and its time.
     flow_body: Option<(ApTime, Vector3<f64>)>,
     magnetic: Option<(ApTime, Vector3<f64>)>,
     range: Option<(ApTime, f64)>,
+    status: VehicleStatus,
+    rest: Rest,
+    /// The newest airspeed, and the newest that was used.
+    airspeed: Option<ApTime>,
+    airspeed_used: Option<ApTime>,
     pressure: Option<(ApTime, u8)>,
     /// Height of the ground above the origin, where the rangefinder last saw it or the navigation began, m.
     ground_m: Option<f64>,
@@ -107,6 +121,7 @@ pub struct Navigator {
     r_body_to_ned: Matrix3<f64>,
     events: Vec<Event>,
     tally: Tally,
+    nis: NisTally,
 }
 
 impl Navigator {
@@ -138,9 +153,14 @@ impl Navigator {
             gnss_sigma_m: settings.gnss.default_accuracy_m,
             gnss_height_rejected: 0,
             flows: Vec::new(),
+            patches: Gathering::new(),
             flow_body: None,
             magnetic: None,
             range: None,
+            status: VehicleStatus::default(),
+            rest: Rest::default(),
+            airspeed: None,
+            airspeed_used: None,
             pressure: None,
             ground_m: None,
             ground_disputed_since: None,
@@ -155,6 +175,7 @@ impl Navigator {
             r_body_to_ned: Matrix3::identity(),
             events: Vec::with_capacity(64),
             tally: Tally::default(),
+            nis: NisTally::default(),
             settings,
         }
     }
@@ -162,14 +183,18 @@ impl Navigator {
     /// Takes one sample, in the order in which samples arrive; late ones are compared with the past they belong to.
     pub fn ingest(&mut self, sample: &Sample) -> Verdict {
         let verdict = match sample {
-            Sample::Imu(s) => self.imu(s),
+            Sample::Imu(s) => {
+                self.patches_waited(s.time);
+                self.imu(s)
+            }
             Sample::Mag(s) => self.mag(s),
             Sample::Gnss(s) => self.gnss(s),
             Sample::Pressure(s) => self.pressure(s),
             Sample::Flow(s) => self.flow(s),
             Sample::Range(s) => self.range(s),
-            // Airspeed and landmarks are shown by `inspect` and await their filters.
-            Sample::Airspeed(_) | Sample::Landmark(_) => Verdict::Rejected(Reason::NotUsed),
+            Sample::Airspeed(s) => self.airspeed(s),
+            // Landmarks are shown by `inspect` and await their filter.
+            Sample::Landmark(_) => Verdict::Rejected(Reason::NotUsed),
         };
         self.tally.count(sample.kind(), verdict);
         verdict
@@ -278,6 +303,16 @@ impl Navigator {
     /// Verdicts so far.
     pub fn tally(&self) -> &Tally {
         &self.tally
+    }
+
+    /// How likely the measurements were that the filter took.
+    pub fn nis(&self) -> &NisTally {
+        &self.nis
+    }
+
+    /// The state of the filter that runs, with what it has learned of the sensors.
+    pub fn filter_state(&self) -> Option<&EskfState> {
+        self.kalman.as_ref().map(|k| k.filter.state())
     }
 
     /// Estimated gyro bias, body, rad/s.

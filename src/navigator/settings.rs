@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::altimeter::HeightSettings;
-use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
+use crate::camera::{CalibrationSettings, CameraMount, PatchLimits, PatchTable};
 
 use crate::observer::eskf::EskfSettings;
 
+use super::air::AirSettings;
 use super::budget::BudgetSettings;
 use super::trust::TrustSettings;
 
@@ -21,19 +22,32 @@ pub enum Estimator {
     /// The nonlinear observers with the gains and discretisation that the papers print; the flow's errors are taken out by its
     /// calibration as for the others, not by the printed low pass.
     NloPrinted,
-    /// The shipped filter with GNSS, inertial coasting without: what there is to be gained from flow.
+    /// The baseline: an error-state Kalman filter with attitude, position, velocity and IMU biases (15 states) and a flow bias, fed with
+    /// IMU, GNSS, flow, magnetometer and height.
+    Ekf15,
+    /// The shipped filter with GNSS, inertial coasting without: what there is to be gained from flow and airspeed.
     Inertial,
 }
 
 impl Estimator {
+    /// All, in the order they are shown.
+    pub const ALL: [Estimator; 5] =
+        [Estimator::Shipped, Estimator::Nlo, Estimator::NloPrinted, Estimator::Ekf15, Estimator::Inertial];
+
     /// Its name, as in the configuration.
     pub const fn label(self) -> &'static str {
         match self {
             Estimator::Shipped => "shipped",
             Estimator::Nlo => "nlo",
             Estimator::NloPrinted => "nlo_printed",
+            Estimator::Ekf15 => "ekf15",
             Estimator::Inertial => "inertial",
         }
+    }
+
+    /// Whether an error-state filter runs and is published.
+    pub const fn has_filter(self) -> bool {
+        matches!(self, Estimator::Shipped | Estimator::Ekf15 | Estimator::Inertial)
     }
 }
 
@@ -44,6 +58,8 @@ pub struct NavigatorSettings {
     pub estimator: Estimator,
     /// A longer hole in the IMU stream ends the navigation, s.
     pub imu_max_gap_s: f64,
+    /// IMU samples are values of an instant, as autopilots stream them, and not means over the interval before.
+    pub imu_instantaneous: bool,
     /// Use the magnetometer.
     pub magnetometer: bool,
     /// Largest relative deviation of the field's strength.
@@ -56,6 +72,8 @@ pub struct NavigatorSettings {
     pub gnss: GnssSettings,
     /// Flow sensor.
     pub flow: FlowSettings,
+    /// Airspeed.
+    pub air: AirSettings,
     /// Rangefinder samples are used for this long, s.
     pub range_max_age_s: f64,
     /// Height.
@@ -88,12 +106,16 @@ pub struct FlowSettings {
     pub enabled: bool,
     /// Age of a sample beyond its own stamp, s.
     pub delay_s: f64,
+    /// Its standard deviation, s; 0 keeps it.
+    pub delay_sigma_s: f64,
     /// Noise of the rate of a sample, rad/s.
     pub rate_noise_radps: f64,
     /// What is refused.
     pub limits: PatchLimits,
     /// Where and how the camera sits.
     pub mount: CameraMount,
+    /// Sensor ids that are patches of one image.
+    pub patches: PatchTable,
     /// What is known beforehand.
     pub calibration: CalibrationSettings,
 }

@@ -34,9 +34,15 @@ pub enum Reason {
     Tilt,
     /// Beyond the sensor's own limits.
     OutOfRange,
+    /// The image's features or patches lie so that they do not observe the velocity.
+    Unobservable,
+    /// The features or patches of one image do not agree on one motion.
+    Inconsistent,
+    /// The vehicle is too slow for it to mean anything.
+    TooSlow,
     /// The sensor contradicts GNSS.
     Distrusted,
-    /// This version of the navigator makes no use of it.
+    /// Of no use on this vehicle, or to this version of the navigator.
     NotUsed,
 }
 
@@ -56,6 +62,9 @@ impl Reason {
             Reason::NoDistance => "no height over ground".into(),
             Reason::Tilt => "too much tilt".into(),
             Reason::OutOfRange => "out of range".into(),
+            Reason::Unobservable => "velocity not observed".into(),
+            Reason::Inconsistent => "patches disagree".into(),
+            Reason::TooSlow => "too slow".into(),
             Reason::Distrusted => "contradicts GNSS".into(),
             Reason::NotUsed => "not used".into(),
         }
@@ -73,6 +82,8 @@ impl From<Distrust> for Reason {
 pub enum Verdict {
     /// It corrected or propagated the solution, or taught a calibration.
     Used,
+    /// It waits for the rest of its image, and is counted with it.
+    Waiting,
     /// It was not used.
     Rejected(Reason),
 }
@@ -89,6 +100,7 @@ impl Tally {
     pub fn count(&mut self, kind: SampleKind, verdict: Verdict) {
         match verdict {
             Verdict::Used => self.used[kind as usize] += 1,
+            Verdict::Waiting => {}
             Verdict::Rejected(reason) => *self.rejected.entry((kind, reason)).or_default() += 1,
         }
     }
