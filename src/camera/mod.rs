@@ -1,7 +1,16 @@
 //! Cameras: from the motion of the image to the velocity of the body (Fusini, Section III).
 
 pub mod calibration;
+pub mod features;
+pub mod refusal;
+mod robust;
 pub mod single_patch;
+pub mod stacked;
 
 pub use calibration::{CalibrationSettings, Distrust, FlowCalibration};
-pub use single_patch::{CameraMount, FlowPatch, FlowRefusal, FlowVelocity, PatchLimits, PatchNoise};
+pub use features::{Feature, View, ground_point, interaction_matrix};
+pub use refusal::FlowRefusal;
+pub use single_patch::{CameraMount, FlowPatch, FlowVelocity, PatchLimits, PatchNoise};
+pub use stacked::{
+    KnownComponent, Method, SixSolution, SolveLimits, SolveNoise, VelocitySolution, solve_six, solve_velocity,
+};

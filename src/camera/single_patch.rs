@@ -8,7 +8,8 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 use std::f64::consts::FRAC_PI_2;
-use thiserror::Error;
+
+use super::refusal::FlowRefusal;
 
 /// Where and how a camera sits.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,29 +103,6 @@ impl Default for PatchNoise {
     fn default() -> Self {
         Self { flow_rad: 1.5e-3, rotation_rad: 3e-4, distance_m: 0.05, distance_fraction: 0.03 }
     }
-}
-
-/// Why a patch gives no velocity.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum FlowRefusal {
-    /// A value is not finite.
-    #[error("a value is not finite")]
-    NotFinite,
-    /// Δt is zero, negative or absurd.
-    #[error("integration time of {0} s")]
-    IntegrationTime(f64),
-    /// Quality below the limit.
-    #[error("quality {0} is too low")]
-    Quality(f64),
-    /// The optical axis is too far from straight down.
-    #[error("tilt of {0} rad is too large")]
-    Tilt(f64),
-    /// Neither a distance nor a height.
-    #[error("no distance to the ground")]
-    DistanceMissing,
-    /// The distance is outside the limits.
-    #[error("distance of {0} m is out of range")]
-    Distance(f64),
 }
 
 /// Velocity of the body's origin seen by one patch: two components, in the camera's x and y axes.

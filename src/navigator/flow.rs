@@ -303,10 +303,15 @@ impl From<FlowRefusal> for Reason {
     fn from(refusal: FlowRefusal) -> Self {
         match refusal {
             FlowRefusal::NotFinite => Reason::NotFinite,
-            FlowRefusal::IntegrationTime(_) | FlowRefusal::Distance(_) => Reason::OutOfRange,
+            FlowRefusal::IntegrationTime(_)
+            | FlowRefusal::Distance(_)
+            | FlowRefusal::Height(_)
+            | FlowRefusal::FocalLength(_) => Reason::OutOfRange,
             FlowRefusal::Quality(_) => Reason::LowQuality,
-            FlowRefusal::Tilt(_) => Reason::Tilt,
+            FlowRefusal::Tilt(_) | FlowRefusal::Horizon => Reason::Tilt,
             FlowRefusal::DistanceMissing => Reason::NoDistance,
+            FlowRefusal::TooFew(_) | FlowRefusal::Rank(_) | FlowRefusal::Condition(_) => Reason::Unobservable,
+            FlowRefusal::Residual(_) | FlowRefusal::Consensus { .. } => Reason::Inconsistent,
         }
     }
 }

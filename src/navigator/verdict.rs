@@ -34,6 +34,10 @@ pub enum Reason {
     Tilt,
     /// Beyond the sensor's own limits.
     OutOfRange,
+    /// The image's features or patches lie so that they do not observe the velocity.
+    Unobservable,
+    /// The features or patches of one image do not agree on one motion.
+    Inconsistent,
     /// The sensor contradicts GNSS.
     Distrusted,
     /// This version of the navigator makes no use of it.
@@ -56,6 +60,8 @@ impl Reason {
             Reason::NoDistance => "no height over ground".into(),
             Reason::Tilt => "too much tilt".into(),
             Reason::OutOfRange => "out of range".into(),
+            Reason::Unobservable => "velocity not observed".into(),
+            Reason::Inconsistent => "patches disagree".into(),
             Reason::Distrusted => "contradicts GNSS".into(),
             Reason::NotUsed => "not used".into(),
         }
