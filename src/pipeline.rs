@@ -93,6 +93,10 @@ impl Pipeline {
                 }
                 None
             }
+            Item::Status(status) => {
+                self.navigator.set_status(*status);
+                None
+            }
             Item::Clock(ClockEvent::Reboot { after, .. }) => {
                 self.navigator.reboot(*after);
                 self.outbound.restart();
@@ -132,7 +136,7 @@ impl GnssMask {
         let time = match item {
             Item::Sample(sample) => sample.time(),
             Item::Reference(reference) => reference.time(),
-            Item::Origin(_) | Item::Clock(_) => return None,
+            Item::Origin(_) | Item::Status(_) | Item::Clock(_) => return None,
         };
         let t = time.seconds_since(*self.start.get_or_insert(time));
         let gnss = matches!(item, Item::Sample(Sample::Gnss(_)));
@@ -143,5 +147,9 @@ impl GnssMask {
 /// How this vehicle's autopilot fills its messages.
 pub fn dialect_of(vehicle: &Vehicle) -> Dialect {
     let ardupilot = vehicle.autopilot == AutopilotKind::ArduPilot;
-    Dialect { raw_imu_is_scaled: ardupilot, flow_comp_is_rate: ardupilot }
+    Dialect {
+        raw_imu_is_scaled: ardupilot,
+        flow_comp_is_rate: ardupilot,
+        airspeed_may_be_estimate: vehicle.autopilot != AutopilotKind::Px4,
+    }
 }

@@ -310,6 +310,26 @@ impl Sample {
     }
 }
 
+/// What kind of vehicle it is: what it can be expected to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Airframe {
+    /// Hovers, flies in any direction.
+    Multirotor,
+    /// Flies nose first.
+    FixedWing,
+    /// Drives or floats.
+    Surface,
+}
+
+/// What the autopilot says of the vehicle itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct VehicleStatus {
+    /// Its kind, where it says one that is known.
+    pub airframe: Option<Airframe>,
+    /// Whether it is armed; a disarmed one does not fly.
+    pub armed: Option<bool>,
+}
+
 /// Simulator truth or the autopilot's own estimate. No filter takes this type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reference {

@@ -16,6 +16,13 @@ pub fn pressure_altitude_m(pressure_pa: f64) -> Option<f64> {
         .then(|| T0_K / LAPSE_KPM * (1.0 - (pressure_pa / P0_PA).powf(EXPONENT)))
 }
 
+/// True over equivalent airspeed, √(ρ₀/ρ), at a height above the sea in the standard atmosphere: autopilots send what the pitot tube
+/// would show at sea level. ρ/ρ₀ = (1 − L h/T₀)^(g/(R L) − 1).
+pub fn true_airspeed_factor(height_m: f64) -> f64 {
+    let ratio = (1.0 - LAPSE_KPM * height_m.clamp(-1000.0, 11_000.0) / T0_K).max(0.1);
+    ratio.powf(-0.5 * (1.0 / EXPONENT - 1.0))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -27,5 +34,13 @@ mod tests {
         assert!((pressure_altitude_m(54_019.9).unwrap() - 5000.0).abs() < 2.0);
         assert_eq!(pressure_altitude_m(0.0), None);
         assert_eq!(pressure_altitude_m(f64::NAN), None);
+    }
+
+    #[test]
+    fn thin_air_makes_for_a_higher_true_airspeed() {
+        // ISO 2533: 1.112 kg/m³ at 1000 m, 0.7361 kg/m³ at 5000 m, of 1.225 kg/m³.
+        assert!((true_airspeed_factor(0.0) - 1.0).abs() < 1e-12);
+        assert!((true_airspeed_factor(1000.0) - (1.225f64 / 1.1117).sqrt()).abs() < 1e-3);
+        assert!((true_airspeed_factor(5000.0) - (1.225f64 / 0.7361).sqrt()).abs() < 1e-3);
     }
 }

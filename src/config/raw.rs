@@ -5,6 +5,7 @@ use serde::Deserialize;
 use crate::altimeter::HeightSettings;
 use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
 use crate::geo::so3::Euler;
+use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::settings::{
     Estimator, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings, ObserverSettings,
@@ -30,6 +31,7 @@ pub(super) struct Raw {
     magnetometer: Magnetometer,
     gnss: Gnss,
     flow: Flow,
+    airspeed: Airspeed,
     range: Range,
     height: Height,
     observer: Observer,
@@ -132,6 +134,15 @@ struct Flow {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct Airspeed {
+    r#use: bool,
+    min_mps: f64,
+    sigma_mps: f64,
+    sideslip_sigma_deg: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Range {
     max_age_s: f64,
 }
@@ -172,6 +183,10 @@ struct Kalman {
     accel_bias_walk: f64,
     magnetic_bias_sigma_ut: f64,
     magnetic_bias_walk_ut: f64,
+    gyro_scale_sigma: f64,
+    wind_sigma_mps: f64,
+    wind_walk: f64,
+    airspeed_scale_sigma: f64,
     flow_bias_walk: f64,
     flow_scale_walk: f64,
     gate_sigma: f64,
@@ -295,6 +310,10 @@ impl Raw {
                 accel_bias_walk: self.kalman.accel_bias_walk,
                 magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,
                 magnetic_bias_walk: self.kalman.magnetic_bias_walk_ut * 1e-6,
+                gyro_scale_sigma: self.kalman.gyro_scale_sigma,
+                wind_sigma: self.kalman.wind_sigma_mps,
+                wind_walk: self.kalman.wind_walk,
+                airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
                 gate_sigma: self.kalman.gate_sigma,
@@ -318,6 +337,12 @@ impl Raw {
                 },
             },
             flow: self.flow(),
+            air: AirSettings {
+                enabled: self.airspeed.r#use,
+                min_mps: self.airspeed.min_mps,
+                sigma_mps: self.airspeed.sigma_mps,
+                sideslip_sigma_rad: self.airspeed.sideslip_sigma_deg.to_radians(),
+            },
             range_max_age_s: self.range.max_age_s,
             height: HeightSettings {
                 accel_noise: h.accel_noise,

@@ -38,7 +38,11 @@ impl Navigator {
             return Verdict::Rejected(Reason::FieldStrength);
         }
         self.magnetic = Some((s.time, s.field_body));
-        Verdict::Used
+        if self.fuse_magnetic(s.time, &s.field_body) {
+            Verdict::Used
+        } else {
+            Verdict::Rejected(Reason::Innovation)
+        }
     }
 
     pub(super) fn pressure(&mut self, s: &PressureSample) -> Verdict {

@@ -12,6 +12,7 @@ use crate::sample::ImuSample;
 use crate::time::ApTime;
 
 use super::event::Why;
+use super::rest::Rest;
 use super::history::Moment;
 use super::settings::Estimator;
 use super::solution::{Carrier, Mode};
@@ -189,6 +190,7 @@ impl Navigator {
         self.history.push(s.time, &instant);
         self.predictor.propagate(s.time, &integrated, &velocity_ned);
         self.height.predict(dt, -acceleration.z);
+        self.look_for_rest(s);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);
     }
@@ -227,6 +229,7 @@ impl Navigator {
         self.flow_body = None;
         self.range = None;
         self.last_sample = None;
+        self.rest = Rest::default();
         self.latency.interrupt();
         let to = match self.modes.mode() {
             Mode::Aligning => return,

@@ -1,14 +1,16 @@
 //! The shipped filter: started by the nonlinear observer when that has found the attitude, fed with the same measurements, and watched
 //! by the observer from then on.
 
-use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
+use crate::camera::FlowCalibration;
 use crate::geo::so3;
-use crate::observer::eskf::{Correction, Eskf, EskfState};
-use crate::time::ApTime;
+use crate::observer::eskf::{Correction, Eskf, EskfSettings, EskfState, Gated, Lag, StartSigma};
+use crate::time::{ApTime, Span};
 
 use super::Navigator;
 use super::event::What;
+use super::nis::Measured;
 use super::settings::Estimator;
 use super::solution::Mode;
 
@@ -30,6 +32,8 @@ const LOCKED_OUT_S: f64 = 2.0;
 const DISAGREEMENT: f64 = 0.35;
 /// … for this long, s.
 const DISAGREEMENT_S: f64 = 5.0;
+/// tr(RᵀR̂) above this is an angle far below that, however little orthonormal R̂ is.
+const NEARLY_THE_SAME: f64 = 2.95;
 
 /// The filter and when it was last fed.
 #[derive(Clone, Debug)]
@@ -43,9 +47,32 @@ pub(super) struct Kalman {
 }
 
 impl Navigator {
+    /// What the filter of this estimator is: the baseline knows of attitude, position, velocity, IMU biases and a flow bias only.
+    fn kalman_settings(&self) -> (EskfSettings, nalgebra::Matrix4<f64>) {
+        let mut settings = self.settings.kalman;
+        let mut flow = *FlowCalibration::new(self.settings.flow.calibration).covariance();
+        if self.settings.estimator == Estimator::Ekf15 {
+            settings = EskfSettings {
+                gyro_scale_sigma: 0.0,
+                magnetic_bias_sigma: 0.0,
+                magnetic_bias_walk: 0.0,
+                flow_scale_walk: 0.0,
+                wind_sigma: 0.0,
+                wind_walk: 0.0,
+                airspeed_scale_sigma: 0.0,
+                ..settings
+            };
+            for i in 2..4 {
+                flow.row_mut(i).fill(0.0);
+                flow.column_mut(i).fill(0.0);
+            }
+        }
+        (settings, flow)
+    }
+
     /// Starts the filter from the observer.
     pub(super) fn start_kalman(&mut self, now: ApTime) {
-        if !matches!(self.settings.estimator, Estimator::Shipped | Estimator::Inertial) {
+        if !self.settings.estimator.has_filter() {
             return;
         }
         let (Some(state), Some(r)) = (self.state, self.state.and_then(|s| s.r_body_to_ned())) else { return };
@@ -53,28 +80,20 @@ impl Navigator {
             Some(h) => Vector3::new(state.position_ned.x, state.position_ned.y, -h),
             None => state.position_ned,
         };
-        let start = EskfState {
-            r_body_to_ned: r,
-            position_ned,
-            velocity_ned: state.velocity_ned,
-            gyro_bias: state.gyro_bias,
-            accel_bias: Vector3::zeros(),
-            flow: SVector::zeros(),
-            magnetic_bias: Vector3::zeros(),
-        };
+        let start = EskfState::moving(r, position_ned, state.velocity_ned, state.gyro_bias);
         let gnss = self.gnss_sigma_m;
-        // Yaw stands on NED's z axis; body axes take their share of it.
-        let attitude = r.tr_mul(&Vector3::new(START_TILT, START_TILT, START_YAW)).abs();
-        let sigma = [
-            attitude,
-            Vector3::new(gnss, gnss, self.height.height_sigma_m().max(HEIGHT_SIGMA_M)),
-            Vector3::repeat(START_VELOCITY),
-            Vector3::repeat(START_GYRO_BIAS),
-            Vector3::repeat(START_ACCEL_BIAS),
-        ];
-        let unknown = crate::camera::FlowCalibration::new(self.settings.flow.calibration);
+        let (settings, flow) = self.kalman_settings();
+        let sigma = StartSigma {
+            // Yaw stands on NED's z axis; body axes take their share of it.
+            attitude_body: r.tr_mul(&Vector3::new(START_TILT, START_TILT, START_YAW)).abs(),
+            position_ned: Vector3::new(gnss, gnss, self.height.height_sigma_m().max(HEIGHT_SIGMA_M)),
+            velocity_ned: Vector3::repeat(START_VELOCITY),
+            gyro_bias: Vector3::repeat(START_GYRO_BIAS),
+            accel_bias: Vector3::repeat(START_ACCEL_BIAS),
+            flow,
+        };
         self.kalman = Some(Kalman {
-            filter: Eskf::new(self.settings.kalman, start, sigma, unknown.covariance()),
+            filter: Eskf::new(settings, start, &sigma),
             magnetic_due: now,
             height_due: now,
             disagree_since: None,
@@ -101,26 +120,18 @@ impl Navigator {
     ) -> Option<Vector3<f64>> {
         let place = self.place.as_ref()?;
         let (gravity, earth) = (place.gravity_ned, place.earth_rate_ned);
-        let field = place.field_ned;
-        let magnetic = self.magnetic.filter(|(t, _)| now.seconds_since(*t) < MAGNETIC_PERIOD_S);
         let height = self.height.height_m();
         let kalman = self.kalman.as_mut()?;
         let acceleration = kalman.filter.predict(dt, angular_rate, specific_force, &gravity, &earth);
-        if let (Some((_, body)), Some(field)) = (magnetic, field)
-            && now >= kalman.magnetic_due
-        {
-            kalman.magnetic_due = now + crate::time::Span::from_seconds(MAGNETIC_PERIOD_S);
-            // A field that does not fit is left out: the observer watches.
-            let _gated = kalman.filter.fuse_magnetic(&body, &field, self.settings.magnetometer_sigma_t);
-        }
         if let Some(height) = height
             && now >= kalman.height_due
         {
-            kalman.height_due = now + crate::time::Span::from_seconds(HEIGHT_PERIOD_S);
+            kalman.height_due = now + Span::from_seconds(HEIGHT_PERIOD_S);
             let innovation = -height - kalman.filter.state().position_ned.z;
-            let _gated = kalman.filter.fuse_position(2, innovation, HEIGHT_SIGMA_M * HEIGHT_SIGMA_M);
+            let fused = kalman.filter.fuse_position(2, innovation, HEIGHT_SIGMA_M.powi(2), &Lag::NONE);
+            self.note(Measured::Height, fused);
         }
-        if !kalman.filter.is_finite() {
+        if !self.kalman.as_ref()?.filter.is_finite() {
             self.kalman = None;
             return None;
         }
@@ -128,16 +139,52 @@ impl Navigator {
         Some(acceleration)
     }
 
+    /// Counts what became of a scalar measurement.
+    pub(super) fn note(&mut self, kind: Measured, fused: Result<Correction, Gated>) -> Option<Correction> {
+        match fused {
+            Ok(correction) => {
+                self.nis.fused(kind, correction.nis);
+                Some(correction)
+            }
+            Err(_) => {
+                self.nis.gated(kind);
+                None
+            }
+        }
+    }
+
+    /// A magnetometer vector, body, T: fused every so often. False when it did not fit.
+    pub(super) fn fuse_magnetic(&mut self, time: ApTime, body: &Vector3<f64>) -> bool {
+        let Some(field) = self.place.as_ref().and_then(|p| p.field_ned) else { return true };
+        let Some(kalman) = self.kalman.as_mut().filter(|k| time >= k.magnetic_due) else { return true };
+        kalman.magnetic_due = time + Span::from_seconds(MAGNETIC_PERIOD_S);
+        match kalman.filter.fuse_magnetic(body, &field, self.settings.magnetometer_sigma_t) {
+            Ok(nis) => {
+                self.nis.fused(Measured::Magnetometer, nis);
+                true
+            }
+            Err(_) => {
+                self.nis.gated(Measured::Magnetometer);
+                false
+            }
+        }
+    }
+
     /// The observer watches: attitudes that stay apart while GNSS is good mean that the filter has gone astray.
     fn watch(&mut self, now: ApTime) {
-        let (Some(kalman), Some(r)) = (&mut self.kalman, self.state.and_then(|s| s.r_body_to_ned())) else {
-            return;
-        };
-        let apart = so3::angle_between(&kalman.filter.state().r_body_to_ned, &r);
-        if apart < DISAGREEMENT || self.modes.mode() != Mode::Aided {
+        let (Some(kalman), Some(state)) = (&mut self.kalman, &self.state) else { return };
+        if self.modes.mode() != Mode::Aided {
             kalman.disagree_since = None;
             return;
         }
+        // tr(RᵀR̂) = 1 + 2 cos φ: near 3 they agree, and R̂ need not be made orthonormal to see it.
+        let filter = kalman.filter.state().r_body_to_ned;
+        let near = filter.component_mul(&state.r_hat).sum() > NEARLY_THE_SAME;
+        let apart = if near { Some(0.0) } else { state.r_body_to_ned().map(|r| so3::angle_between(&filter, &r)) };
+        let Some(apart) = apart.filter(|a| *a >= DISAGREEMENT) else {
+            kalman.disagree_since = None;
+            return;
+        };
         let since = *kalman.disagree_since.get_or_insert(now);
         if now.seconds_since(since) > DISAGREEMENT_S && self.modes.calm() {
             self.start_kalman(now);
@@ -145,27 +192,39 @@ impl Navigator {
         }
     }
 
-    /// A fix that was accepted: horizontal errors against the past it belongs to.
+    /// What lies between the time of a measurement and now, for the filter.
+    pub(super) fn lag(&self, now: ApTime, measured: ApTime, then_velocity: &Vector3<f64>) -> Lag {
+        let seconds = now.seconds_since(measured);
+        match (&self.kalman, &self.place) {
+            (Some(k), Some(place)) if seconds > 0.0 => Lag {
+                seconds,
+                impulse_ned: k.filter.state().velocity_ned - then_velocity - place.gravity_ned * seconds,
+            },
+            _ => Lag::NONE,
+        }
+    }
+
+    /// A fix that was accepted, measured at `measured`: horizontal errors against the past it belongs to.
     pub(super) fn fuse_fix(
         &mut self,
         now: ApTime,
+        measured: ApTime,
         e_p: &Vector2<f64>,
         e_v: Option<&Vector2<f64>>,
         accuracy: [f64; 2],
     ) {
+        let lag = match self.history.motion(measured) {
+            Some((_, then)) => self.lag(now, measured, &then),
+            None => Lag::NONE,
+        };
         let Some(kalman) = &mut self.kalman else { return };
+        let fused = kalman.filter.fuse_fix(e_p, e_v, accuracy.map(|a| a * a), &lag);
+        let kinds = [Measured::GnssPosition, Measured::GnssPosition, Measured::GnssVelocity, Measured::GnssVelocity];
         let mut corrections = [None; 4];
-        for axis in 0..2 {
-            corrections[axis] = kalman.filter.fuse_position(axis, e_p[axis], accuracy[0].powi(2)).ok();
+        for i in 0..4 {
+            corrections[i] = fused[i].and_then(|f| self.note(kinds[i], f));
         }
-        if let Some(e_v) = e_v {
-            for axis in 0..2 {
-                // What the position has changed already of the velocity's innovation.
-                let moved: f64 = corrections.iter().flatten().map(|c| c.velocity_ned[axis]).sum();
-                corrections[2 + axis] =
-                    kalman.filter.fuse_velocity(axis, e_v[axis] - moved, accuracy[1].powi(2)).ok();
-            }
-        }
+        let Some(kalman) = &mut self.kalman else { return };
         let taken = corrections.iter().take(2).all(Option::is_some);
         kalman.locked_out_since = if taken { None } else { Some(kalman.locked_out_since.unwrap_or(now)) };
         let locked_out = kalman.locked_out_since.is_some_and(|t| now.seconds_since(t) > LOCKED_OUT_S);
@@ -195,13 +254,21 @@ impl Navigator {
         covariance: &Matrix2<f64>,
     ) -> bool {
         let past = self.history.motion(time).or_else(|| self.estimate());
-        let (Some((_, velocity)), Some(kalman)) = (past, &mut self.kalman) else { return true };
-        match kalman.filter.fuse_flow(flow_xy, &velocity, r_body_to_ned, covariance) {
+        let Some((_, velocity)) = past else { return true };
+        let lag = self.lag(now, time, &velocity);
+        let Some(kalman) = &mut self.kalman else { return true };
+        match kalman.filter.fuse_flow(flow_xy, &velocity, r_body_to_ned, covariance, &lag) {
             Ok(corrections) => {
+                for c in &corrections {
+                    self.nis.fused(Measured::Flow, c.nis);
+                }
                 self.carry_back(now, corrections.iter());
                 true
             }
-            Err(_) => false,
+            Err(_) => {
+                self.nis.gated(Measured::Flow);
+                false
+            }
         }
     }
 
@@ -216,7 +283,7 @@ impl Navigator {
     }
 
     /// Carries corrections into the remembered past; returns what they moved the position by.
-    fn carry_back<'a>(
+    pub(super) fn carry_back<'a>(
         &mut self,
         now: ApTime,
         corrections: impl Iterator<Item = &'a Correction>,

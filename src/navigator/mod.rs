@@ -7,6 +7,7 @@
 //! what is published where the observers navigate alone (`nlo`), with an error budget. [`modes`] says when.
 
 mod aiding;
+pub mod air;
 pub mod budget;
 pub mod event;
 mod flow;
@@ -16,6 +17,8 @@ mod inertial;
 mod kalman;
 pub mod latency;
 pub mod modes;
+pub mod nis;
+mod rest;
 pub mod settings;
 pub mod solution;
 pub mod trust;
@@ -25,8 +28,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
+use crate::observer::eskf::EskfState;
 use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
-use crate::sample::{ImuSample, Sample};
+use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
 
 use budget::ErrorBudget;
@@ -36,6 +40,8 @@ use history::History;
 use kalman::Kalman;
 use latency::LatencyEstimator;
 use modes::ModeState;
+use nis::NisTally;
+use rest::Rest;
 use settings::{Estimator, NavigatorSettings};
 use solution::{Carrier, Mode, Solution};
 use trust::{GnssState, GnssTrust};
@@ -90,6 +96,11 @@ pub struct Navigator {
     flow_body: Option<(ApTime, Vector3<f64>)>,
     magnetic: Option<(ApTime, Vector3<f64>)>,
     range: Option<(ApTime, f64)>,
+    status: VehicleStatus,
+    rest: Rest,
+    /// The newest airspeed, and the newest that was used.
+    airspeed: Option<ApTime>,
+    airspeed_used: Option<ApTime>,
     pressure: Option<(ApTime, u8)>,
     /// Height of the ground above the origin, where the rangefinder last saw it or the navigation began, m.
     ground_m: Option<f64>,
@@ -107,6 +118,7 @@ pub struct Navigator {
     r_body_to_ned: Matrix3<f64>,
     events: Vec<Event>,
     tally: Tally,
+    nis: NisTally,
 }
 
 impl Navigator {
@@ -141,6 +153,10 @@ impl Navigator {
             flow_body: None,
             magnetic: None,
             range: None,
+            status: VehicleStatus::default(),
+            rest: Rest::default(),
+            airspeed: None,
+            airspeed_used: None,
             pressure: None,
             ground_m: None,
             ground_disputed_since: None,
@@ -155,6 +171,7 @@ impl Navigator {
             r_body_to_ned: Matrix3::identity(),
             events: Vec::with_capacity(64),
             tally: Tally::default(),
+            nis: NisTally::default(),
             settings,
         }
     }
@@ -168,8 +185,9 @@ impl Navigator {
             Sample::Pressure(s) => self.pressure(s),
             Sample::Flow(s) => self.flow(s),
             Sample::Range(s) => self.range(s),
-            // Airspeed and landmarks are shown by `inspect` and await their filters.
-            Sample::Airspeed(_) | Sample::Landmark(_) => Verdict::Rejected(Reason::NotUsed),
+            Sample::Airspeed(s) => self.airspeed(s),
+            // Landmarks are shown by `inspect` and await their filter.
+            Sample::Landmark(_) => Verdict::Rejected(Reason::NotUsed),
         };
         self.tally.count(sample.kind(), verdict);
         verdict
@@ -278,6 +296,16 @@ impl Navigator {
     /// Verdicts so far.
     pub fn tally(&self) -> &Tally {
         &self.tally
+    }
+
+    /// How likely the measurements were that the filter took.
+    pub fn nis(&self) -> &NisTally {
+        &self.nis
+    }
+
+    /// The state of the filter that runs, with what it has learned of the sensors.
+    pub fn filter_state(&self) -> Option<&EskfState> {
+        self.kalman.as_ref().map(|k| k.filter.state())
     }
 
     /// Estimated gyro bias, body, rad/s.

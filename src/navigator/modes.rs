@@ -188,8 +188,16 @@ impl Navigator {
     fn grow(&mut self, now: ApTime, dt: f64) {
         let flowing =
             self.flow_body.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S) && self.flows_carry();
-        self.carrier = if flowing { Carrier::Flow } else { Carrier::Inertial };
-        if flowing {
+        self.carrier = if flowing {
+            Carrier::Flow
+        } else if self.resting() {
+            Carrier::Standstill
+        } else if self.carried_by_air(now) {
+            Carrier::Airspeed
+        } else {
+            Carrier::Inertial
+        };
+        if self.carrier != Carrier::Inertial {
             self.modes.coasting_since = None;
         } else if let Some(budget) = &mut self.budget {
             budget.coasted(dt);

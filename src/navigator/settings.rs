@@ -7,6 +7,7 @@ use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
 
 use crate::observer::eskf::EskfSettings;
 
+use super::air::AirSettings;
 use super::budget::BudgetSettings;
 use super::trust::TrustSettings;
 
@@ -21,7 +22,10 @@ pub enum Estimator {
     /// The nonlinear observers with the gains and discretisation that the papers print; the flow's errors are taken out by its
     /// calibration as for the others, not by the printed low pass.
     NloPrinted,
-    /// The shipped filter with GNSS, inertial coasting without: what there is to be gained from flow.
+    /// The baseline: an error-state Kalman filter with attitude, position, velocity and IMU biases (15 states) and a flow bias, fed with
+    /// IMU, GNSS, flow, magnetometer and height.
+    Ekf15,
+    /// The shipped filter with GNSS, inertial coasting without: what there is to be gained from flow and airspeed.
     Inertial,
 }
 
@@ -32,8 +36,14 @@ impl Estimator {
             Estimator::Shipped => "shipped",
             Estimator::Nlo => "nlo",
             Estimator::NloPrinted => "nlo_printed",
+            Estimator::Ekf15 => "ekf15",
             Estimator::Inertial => "inertial",
         }
+    }
+
+    /// Whether an error-state filter runs and is published.
+    pub const fn has_filter(self) -> bool {
+        matches!(self, Estimator::Shipped | Estimator::Ekf15 | Estimator::Inertial)
     }
 }
 
@@ -56,6 +66,8 @@ pub struct NavigatorSettings {
     pub gnss: GnssSettings,
     /// Flow sensor.
     pub flow: FlowSettings,
+    /// Airspeed.
+    pub air: AirSettings,
     /// Rangefinder samples are used for this long, s.
     pub range_max_age_s: f64,
     /// Height.

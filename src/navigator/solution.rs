@@ -41,6 +41,10 @@ pub enum Carrier {
     Gnss,
     /// Optical flow and height.
     Flow,
+    /// Airspeed, heading and the wind as it was last known.
+    Airspeed,
+    /// The vehicle stands on the ground.
+    Standstill,
     /// Nothing: inertial coasting.
     Inertial,
 }

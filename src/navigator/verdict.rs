@@ -38,9 +38,11 @@ pub enum Reason {
     Unobservable,
     /// The features or patches of one image do not agree on one motion.
     Inconsistent,
+    /// The vehicle is too slow for it to mean anything.
+    TooSlow,
     /// The sensor contradicts GNSS.
     Distrusted,
-    /// This version of the navigator makes no use of it.
+    /// Of no use on this vehicle, or to this version of the navigator.
     NotUsed,
 }
 
@@ -62,6 +64,7 @@ impl Reason {
             Reason::OutOfRange => "out of range".into(),
             Reason::Unobservable => "velocity not observed".into(),
             Reason::Inconsistent => "patches disagree".into(),
+            Reason::TooSlow => "too slow".into(),
             Reason::Distrusted => "contradicts GNSS".into(),
             Reason::NotUsed => "not used".into(),
         }

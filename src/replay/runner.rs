@@ -132,7 +132,7 @@ impl Runner {
         let time = match item {
             Item::Sample(s) => s.time(),
             Item::Reference(r) => r.time(),
-            Item::Origin(_) | Item::Clock(_) => {
+            Item::Origin(_) | Item::Status(_) | Item::Clock(_) => {
                 let mut sent = std::mem::take(&mut self.sent);
                 self.pipeline.take(clock, item, &mut sent);
                 self.sent = sent;

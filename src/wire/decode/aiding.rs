@@ -125,10 +125,12 @@ impl Decoder {
         Ok(())
     }
 
-    /// VFR_HUD carries no time and, on vehicles without the sensor, NaN or zero.
+    /// VFR_HUD carries no time and, on vehicles without the sensor, NaN, zero, or what the autopilot's own filter thinks: that must not
+    /// come back as a measurement.
     pub(super) fn airspeed(&mut self, airspeed: f32, out: Out<'_>) -> Result<(), Cause> {
         let time = self.now()?;
-        if airspeed.is_nan() || airspeed == 0.0 {
+        let estimate = self.dialect.airspeed_may_be_estimate && self.pitot != Some(true);
+        if airspeed.is_nan() || airspeed == 0.0 || estimate {
             return Ok(());
         }
         let airspeed_mps = within(airspeed, -5.0, 200.0)?;

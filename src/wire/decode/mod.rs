@@ -7,12 +7,13 @@ mod aiding;
 mod gnss;
 mod imu;
 mod reference;
+mod status;
 
 use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
 use crate::geo::Geodetic;
-use crate::sample::{Reference, Sample};
+use crate::sample::{Reference, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
 
 use super::clock::{AutopilotClock, ClockEvent};
@@ -28,6 +29,8 @@ pub enum Item {
     Reference(Reference),
     /// The origin of the autopilot's local frame (GPS_GLOBAL_ORIGIN); height above mean sea level.
     Origin(Geodetic),
+    /// What the vehicle is, and whether it is armed: when that changes.
+    Status(VehicleStatus),
     /// The autopilot rebooted, or its stream had a hole.
     Clock(ClockEvent),
 }
@@ -39,6 +42,8 @@ pub struct Dialect {
     pub raw_imu_is_scaled: bool,
     /// OPTICAL_FLOW's `flow_comp_m_x/y` holds the flow less the sensor's own rotation in rad/s (ArduPilot), not m/s.
     pub flow_comp_is_rate: bool,
+    /// VFR_HUD's airspeed without a pitot tube is the autopilot's own estimate (ArduPilot), not NaN.
+    pub airspeed_may_be_estimate: bool,
 }
 
 /// Turns the frames of one vehicle into items.
@@ -52,6 +57,9 @@ pub struct Decoder {
     pressure: Preference<2>,
     range: Preference<2>,
     attitude: Preference<2>,
+    status: Option<VehicleStatus>,
+    /// Whether there is a pitot tube, once that is known.
+    pitot: Option<bool>,
 }
 
 type Out<'a> = &'a mut Vec<Item>;
@@ -61,13 +69,15 @@ impl Decoder {
     pub fn new() -> Self {
         Self {
             vehicle: None,
-            dialect: Dialect { raw_imu_is_scaled: false, flow_comp_is_rate: false },
+            dialect: Dialect { raw_imu_is_scaled: false, flow_comp_is_rate: false, airspeed_may_be_estimate: true },
             clock: AutopilotClock::new(),
             counters: Counters::default(),
             imu: Preference::default(),
             pressure: Preference::default(),
             range: Preference::default(),
             attitude: Preference::default(),
+            status: None,
+            pitot: None,
         }
     }
 
@@ -114,6 +124,8 @@ impl Decoder {
 
     fn message(&mut self, message: &MavMessage, out: Out<'_>) -> Result<(), Cause> {
         match message {
+            MavMessage::HEARTBEAT(m) => self.heartbeat(m, out),
+            MavMessage::SYS_STATUS(m) => self.sys_status(m),
             MavMessage::HIGHRES_IMU(m) => self.highres_imu(m, out),
             MavMessage::SCALED_IMU(m) => self.scaled_imu(1, m, out),
             MavMessage::RAW_IMU(m) => self.raw_imu(m, out),
@@ -122,7 +134,10 @@ impl Decoder {
             MavMessage::GPS_RAW_INT(m) => self.gps_raw_int(m, out),
             MavMessage::GPS2_RAW(m) => self.gps2_raw(m, out),
             MavMessage::GPS_GLOBAL_ORIGIN(m) => gnss::origin(m).map(|o| out.push(Item::Origin(o))),
-            MavMessage::SCALED_PRESSURE(m) => self.pressure(0, m.time_boot_ms, m.press_abs, out),
+            MavMessage::SCALED_PRESSURE(m) => {
+                self.differential_pressure(m.press_diff);
+                self.pressure(0, m.time_boot_ms, m.press_abs, out)
+            }
             MavMessage::SCALED_PRESSURE2(m) => self.pressure(1, m.time_boot_ms, m.press_abs, out),
             MavMessage::SCALED_PRESSURE3(m) => self.pressure(2, m.time_boot_ms, m.press_abs, out),
             MavMessage::OPTICAL_FLOW(m) => self.optical_flow(m, out),
@@ -163,7 +178,7 @@ impl Default for Decoder {
 fn of_interest(id: u32) -> bool {
     matches!(
         id,
-        2 | 24 | 26 | 27 | 29..=33 | 49 | 74 | 100 | 105 | 106 | 108 | 115 | 116 | 124 | 129 | 132 | 137
+        0 | 1 | 2 | 24 | 26 | 27 | 29..=33 | 49 | 74 | 100 | 105 | 106 | 108 | 115 | 116 | 124 | 129 | 132 | 137
     ) || matches!(id, 143 | 149 | 164 | 173)
 }
 

@@ -1,0 +1,90 @@
+//! How likely the measurements were that the filter took: normalised innovations squared, by kind.
+//!
+//! Where the filter is honest the mean is 1 (each is counted per scalar). Well above: it is too sure of itself. Well below: too cautious.
+
+/// What was fused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Measured {
+    /// A GNSS position component.
+    GnssPosition,
+    /// A GNSS velocity component.
+    GnssVelocity,
+    /// A magnetometer vector.
+    Magnetometer,
+    /// A flow velocity component.
+    Flow,
+    /// The height filter's height.
+    Height,
+    /// Airspeed.
+    Airspeed,
+    /// No sideslip.
+    Sideslip,
+    /// Standing still.
+    Standstill,
+}
+
+impl Measured {
+    /// All, in the order they are shown.
+    pub const ALL: [Measured; 8] = [
+        Measured::GnssPosition,
+        Measured::GnssVelocity,
+        Measured::Magnetometer,
+        Measured::Flow,
+        Measured::Height,
+        Measured::Airspeed,
+        Measured::Sideslip,
+        Measured::Standstill,
+    ];
+
+    /// Name for tables.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Measured::GnssPosition => "GNSS position",
+            Measured::GnssVelocity => "GNSS velocity",
+            Measured::Magnetometer => "magnetometer",
+            Measured::Flow => "optical flow",
+            Measured::Height => "height",
+            Measured::Airspeed => "airspeed",
+            Measured::Sideslip => "sideslip",
+            Measured::Standstill => "standstill",
+        }
+    }
+}
+
+/// Count, mean and rejections of one kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NisCount {
+    /// Scalars fused.
+    pub fused: u64,
+    /// Measurements outside the gate.
+    pub gated: u64,
+    sum: f64,
+}
+
+impl NisCount {
+    /// Mean normalised innovation squared of what was fused.
+    pub fn mean(&self) -> Option<f64> {
+        (self.fused > 0).then(|| self.sum / self.fused as f64)
+    }
+}
+
+/// Of every kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NisTally([NisCount; Measured::ALL.len()]);
+
+impl NisTally {
+    pub(super) fn fused(&mut self, kind: Measured, nis: f64) {
+        let count = &mut self.0[kind as usize];
+        count.fused += 1;
+        count.sum += nis;
+    }
+
+    pub(super) fn gated(&mut self, kind: Measured) {
+        self.0[kind as usize].gated += 1;
+    }
+
+    /// Of one kind.
+    pub fn of(&self, kind: Measured) -> NisCount {
+        self.0[kind as usize]
+    }
+}

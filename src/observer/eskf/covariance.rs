@@ -1,0 +1,173 @@
+//! The covariance: carried along with the motion, and reduced by scalar measurements.
+//!
+//! Between measurements it is carried in steps of up to 20 ms, several IMU samples at once: the nominal state moves with every sample,
+//! what the error moves by over the step is summed up in [`Pending`]. Only the rows of attitude, position and velocity change
+//! (Φ differs from I in those alone), so that is all that is computed; the other half follows by symmetry.
+
+use nalgebra::{Matrix3, RowVector3, SMatrix, SVector, Vector3};
+
+use super::{BA, BG, EskfSettings, FLOW, BM, P, SG, STATES, THETA, V, WIND};
+use crate::geo::so3::hat;
+
+/// Symmetric, of the error state.
+pub(super) type Covariance = SMatrix<f64, STATES, STATES>;
+type Rows3 = SMatrix<f64, 3, STATES>;
+type Rows9 = SMatrix<f64, 9, STATES>;
+
+/// What the error moves by, summed over the samples since the covariance was carried last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pending {
+    /// Their time, s.
+    pub(super) dt: f64,
+    /// Attitude at their beginning, body → NED.
+    r_start: Matrix3<f64>,
+    /// Rotation since then.
+    turn: Matrix3<f64>,
+    /// ∫ R dt, s.
+    rotation: Matrix3<f64>,
+    /// ∫ R f dt, m/s.
+    impulse_ned: Vector3<f64>,
+    /// ∫ ω dt, rad.
+    angle: Vector3<f64>,
+}
+
+impl Pending {
+    /// Nothing yet, beginning at this attitude.
+    pub(super) fn new(r_start: Matrix3<f64>) -> Self {
+        let zero = Vector3::zeros();
+        let (turn, rotation) = (Matrix3::identity(), Matrix3::zeros());
+        Self { dt: 0.0, r_start, turn, rotation, impulse_ned: zero, angle: zero }
+    }
+
+    /// One more sample.
+    pub(super) fn add(&mut self, dt: f64, turn: &Matrix3<f64>, r: &Matrix3<f64>, f_ned: &Vector3<f64>, rate: &Vector3<f64>) {
+        self.dt += dt;
+        self.turn *= turn;
+        self.rotation += r * dt;
+        self.impulse_ned += f_ned * dt;
+        self.angle += rate * dt;
+    }
+
+    /// P ← Φ P Φᵀ + Q.
+    pub(super) fn carry(&self, p: &mut Covariance, settings: &EskfSettings) {
+        let dt = self.dt;
+        let turn_t = self.turn.transpose();
+        // A gyro error acts in the axes of its own moment: those of the end and of the beginning, half and half.
+        let by_bias = (turn_t + Matrix3::identity()) * (0.5 * dt);
+        let by_scale = (turn_t + Matrix3::identity()) * 0.5 * Matrix3::from_diagonal(&self.angle);
+        let tilt = hat(&self.impulse_ned) * self.r_start;
+        let mut u = Rows9::zeros();
+        {
+            let rows = |at: usize| -> Rows3 { p.fixed_rows::<3>(at).into_owned() };
+            let (theta, velocity) = (rows(THETA), rows(V));
+            let pulled = tilt * theta;
+            u.fixed_rows_mut::<3>(THETA)
+                .copy_from(&(turn_t * theta - by_bias * rows(BG) - by_scale * rows(SG)));
+            u.fixed_rows_mut::<3>(P).copy_from(&(rows(P) + velocity * dt - pulled * (0.5 * dt)));
+            u.fixed_rows_mut::<3>(V).copy_from(&(velocity - pulled - self.rotation * rows(BA)));
+        }
+        // U Φᵀ in the columns of θ, p and v.
+        let columns = |at: usize| -> SMatrix<f64, 9, 3> { u.fixed_columns::<3>(at).into_owned() };
+        let (theta, velocity) = (columns(THETA), columns(V));
+        let pulled = theta * tilt.transpose();
+        let mut w = SMatrix::<f64, 9, 9>::zeros();
+        w.fixed_columns_mut::<3>(THETA).copy_from(
+            &(theta * self.turn - columns(BG) * by_bias.transpose() - columns(SG) * by_scale.transpose()),
+        );
+        w.fixed_columns_mut::<3>(P).copy_from(&(columns(P) + velocity * dt - pulled * (0.5 * dt)));
+        w.fixed_columns_mut::<3>(V).copy_from(&(velocity - pulled - columns(BA) * self.rotation.transpose()));
+        p.fixed_view_mut::<9, 9>(0, 0).copy_from(&(0.5 * (w + w.transpose())));
+        const REST: usize = STATES - 9;
+        let cross = u.fixed_view::<9, REST>(0, 9).into_owned();
+        p.fixed_view_mut::<9, REST>(0, 9).copy_from(&cross);
+        p.fixed_view_mut::<REST, 9>(9, 0).copy_from(&cross.transpose());
+        self.add_noise(p, settings);
+    }
+
+    fn add_noise(&self, p: &mut Covariance, s: &EskfSettings) {
+        let magnetic = s.magnetic_bias_walk * super::MICRO;
+        for (at, n, density) in [
+            (THETA, 3, s.gyro_noise),
+            (V, 3, s.accel_noise),
+            (BG, 3, s.gyro_bias_walk),
+            (BA, 3, s.accel_bias_walk),
+            (FLOW, 2, s.flow_bias_walk),
+            (FLOW + 2, 2, s.flow_scale_walk),
+            (BM, 3, magnetic),
+            (WIND, 2, s.wind_walk),
+        ] {
+            for i in at..at + n {
+                p[(i, i)] += density * density * self.dt;
+            }
+        }
+    }
+}
+
+/// ∂z/∂x of a scalar measurement: its entries that are not zero.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row {
+    len: usize,
+    at: [usize; Row::MOST],
+    by: [f64; Row::MOST],
+}
+
+impl Row {
+    const MOST: usize = 18;
+
+    pub(super) fn empty() -> Self {
+        Self { len: 0, at: [0; Self::MOST], by: [0.0; Self::MOST] }
+    }
+
+    /// Of one state itself.
+    pub(super) fn unit(index: usize) -> Self {
+        Self::empty().with(index, 1.0)
+    }
+
+    /// With one more entry.
+    pub(super) fn with(mut self, index: usize, by: f64) -> Self {
+        if self.len < Self::MOST && index < STATES {
+            self.at[self.len] = index;
+            self.by[self.len] = by;
+            self.len += 1;
+        }
+        self
+    }
+
+    /// With three more entries, of the states from `block` on.
+    pub(super) fn with3(self, block: usize, by: &RowVector3<f64>) -> Self {
+        self.with(block, by.x).with(block + 1, by.y).with(block + 2, by.z)
+    }
+
+    pub(super) fn entries(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.at.iter().copied().zip(self.by.iter().copied()).take(self.len)
+    }
+
+    /// h x.
+    pub(super) fn dot(&self, x: &SVector<f64, STATES>) -> f64 {
+        self.entries().map(|(i, h)| h * x[i]).sum()
+    }
+
+    /// P hᵀ.
+    pub(super) fn times(&self, p: &Covariance) -> SVector<f64, STATES> {
+        let mut out = SVector::<f64, STATES>::zeros();
+        for (i, h) in self.entries() {
+            out.axpy(h, &p.column(i), 1.0);
+        }
+        out
+    }
+}
+
+/// P ← P − (P hᵀ)(P hᵀ)ᵀ/s, which for the optimal gain is Joseph's form; every product is formed the same way on both sides of the
+/// diagonal, so it stays symmetric to the last bit.
+pub(super) fn reduce(p: &mut Covariance, ph: &SVector<f64, STATES>, s: f64) {
+    let inverse = 1.0 / s;
+    for j in 0..STATES {
+        let with = ph[j];
+        let mut column = p.column_mut(j);
+        for i in 0..STATES {
+            column[i] -= (ph[i] * with) * inverse;
+        }
+        // What rounding may leave below zero is zero.
+        column[j] = column[j].max(0.0);
+    }
+}

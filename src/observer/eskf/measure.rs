@@ -1,0 +1,272 @@
+//! What is measured, as scalars with their rows.
+
+use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
+
+use super::covariance::Row;
+use super::{AIRSPEED, BA, BG, BM, Correction, Eskf, EskfState, FLOW, Gated, MICRO, P, THETA, V, WIND};
+use crate::camera::FlowCalibration;
+use crate::geo::so3::hat;
+
+/// How far back a measurement's time lies, and what happened since: relates the error of then to the error of now,
+/// δv_then = δv + S(F) R δθ + τ R δb_a, δp_then = δp − τ δv − ½ τ S(F) R δθ, with F = ∫ R f dt over the time τ since.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lag {
+    /// τ, s.
+    pub seconds: f64,
+    /// F, NED, m/s.
+    pub impulse_ned: Vector3<f64>,
+}
+
+impl Lag {
+    /// A measurement of the present.
+    pub const NONE: Lag = Lag { seconds: 0.0, impulse_ned: Vector3::new(0.0, 0.0, 0.0) };
+}
+
+/// Slower than this through the air, neither airspeed nor sideslip say anything, m/s.
+const MIN_AIRSPEED: f64 = 3.0;
+
+impl Eskf {
+    /// A position component (NED axis 0, 1 or 2): innovation against the state of its time, and its variance.
+    ///
+    /// # Errors
+    /// [`Gated`].
+    pub fn fuse_position(
+        &mut self,
+        axis: usize,
+        innovation: f64,
+        variance: f64,
+        lag: &Lag,
+    ) -> Result<Correction, Gated> {
+        let h = position_row(&self.state, axis.min(2), lag);
+        self.fuse(&h, innovation, variance)
+    }
+
+    /// A GNSS fix: errors of the horizontal position, and of the horizontal velocity where there is one, against the state of its time.
+    /// Each component is fused or [`Gated`] on its own: position north, east, velocity north, east.
+    pub fn fuse_fix(
+        &mut self,
+        position_error: &Vector2<f64>,
+        velocity_error: Option<&Vector2<f64>>,
+        variances: [f64; 2],
+        lag: &Lag,
+    ) -> [Option<Result<Correction, Gated>>; 4] {
+        let mut fused = [None; 4];
+        for i in 0..4 {
+            let axis = i % 2;
+            let error = if i < 2 { Some(position_error) } else { velocity_error };
+            let Some(error) = error else { break };
+            let h = if i < 2 {
+                position_row(&self.state, axis, lag)
+            } else {
+                velocity_row(&self.state, axis, lag)
+            };
+            // What the earlier components have changed of this one's expectation.
+            let moved: f64 =
+                fused.iter().flatten().flatten().map(|c: &Correction| h.dot(&c.all)).sum();
+            fused[i] = Some(self.fuse(&h, error[axis] - moved, variances[i / 2]));
+        }
+        fused
+    }
+
+    /// A magnetometer vector: m = Rᵀ m_n + b_m, body, T. Fused as three scalars, all of them or none.
+    ///
+    /// # Errors
+    /// [`Gated`], with the first of them that fails.
+    pub fn fuse_magnetic(
+        &mut self,
+        body: &Vector3<f64>,
+        field_ned: &Vector3<f64>,
+        sigma: f64,
+    ) -> Result<f64, Gated> {
+        let variance = (sigma * MICRO).powi(2);
+        let expected = self.state.expected_magnetic(field_ned);
+        let field_body = expected - self.state.magnetic_bias;
+        for axis in 0..3 {
+            let h = magnetic_row(&field_body, axis);
+            self.gate(&h, (body[axis] - expected[axis]) * MICRO, variance)?;
+        }
+        let mut nis = 0.0;
+        for axis in 0..3 {
+            let expected = self.state.expected_magnetic(field_ned);
+            let h = magnetic_row(&(expected - self.state.magnetic_bias), axis);
+            nis += self.fuse(&h, (body[axis] - expected[axis]) * MICRO, variance)?.nis / 3.0;
+        }
+        Ok(nis)
+    }
+
+    /// A flow velocity, body x and y, m/s: (1 + s)(I + μJ) v_xy + b, with the velocity and the attitude of its time.
+    ///
+    /// # Errors
+    /// [`Gated`]: then neither component is used.
+    pub fn fuse_flow(
+        &mut self,
+        flow_xy: &Vector2<f64>,
+        velocity_ned: &Vector3<f64>,
+        r_body_to_ned: &Matrix3<f64>,
+        covariance: &Matrix2<f64>,
+        lag: &Lag,
+    ) -> Result<[Correction; 2], Gated> {
+        let v_body = r_body_to_ned.tr_mul(velocity_ned);
+        let innovation = flow_xy - flow_model(&self.state.flow, &v_body);
+        let rows = flow_rows(&self.state, &v_body, r_body_to_ned, lag);
+        for i in 0..2 {
+            self.gate(&rows[i], innovation[i], covariance[(i, i)])?;
+        }
+        let first = self.fuse(&rows[0], innovation.x, covariance[(0, 0)])?;
+        // What the first has changed of the second's expectation.
+        let moved = rows[1].dot(&first.all);
+        let second = self.fuse(&rows[1], innovation.y - moved, covariance[(1, 1)])?;
+        Ok([first, second])
+    }
+
+    /// The airspeed, m/s: (1 + k) ‖v − w‖.
+    ///
+    /// # Errors
+    /// [`Gated`]; also when there is hardly any.
+    pub fn fuse_airspeed(&mut self, airspeed: f64, sigma: f64) -> Result<Correction, Gated> {
+        let (expected, h) = self.state.airspeed_row().ok_or(Gated(f64::INFINITY))?;
+        self.fuse(&h, airspeed - expected, sigma * sigma)
+    }
+
+    /// A fixed wing flies nose first: the air comes from the side by no more than `sigma_rad`, (Rᵀ(v − w))_y = 0.
+    ///
+    /// # Errors
+    /// [`Gated`]; also when there is hardly any airspeed.
+    pub fn fuse_sideslip(&mut self, sigma_rad: f64) -> Result<Correction, Gated> {
+        let (expected, speed, h) = self.state.sideslip_row().ok_or(Gated(f64::INFINITY))?;
+        self.fuse(&h, -expected, (sigma_rad * speed).powi(2))
+    }
+
+    /// The vehicle stands: the velocity is zero, and the gyros show their bias and the Earth's rate.
+    ///
+    /// # Errors
+    /// [`Gated`]: the filter does not believe it.
+    pub fn fuse_standstill(
+        &mut self,
+        angular_rate: &Vector3<f64>,
+        earth_rate_ned: &Vector3<f64>,
+        sigma_mps: f64,
+        sigma_radps: f64,
+    ) -> Result<[Correction; 3], Gated> {
+        let mut corrections = [None; 3];
+        for axis in 0..3 {
+            let innovation = -self.state.velocity_ned[axis];
+            corrections[axis] = Some(self.fuse(&Row::unit(V + axis), innovation, sigma_mps.powi(2))?);
+        }
+        for axis in 0..3 {
+            let s = &self.state;
+            let expected = s.gyro_bias + s.r_body_to_ned.tr_mul(earth_rate_ned);
+            let innovation = angular_rate[axis] - expected[axis];
+            self.fuse(&Row::unit(BG + axis), innovation, sigma_radps.powi(2))?;
+        }
+        match corrections {
+            [Some(a), Some(b), Some(c)] => Ok([a, b, c]),
+            _ => Err(Gated(f64::NAN)),
+        }
+    }
+}
+
+impl EskfState {
+    /// What the magnetometer should show, body, T.
+    pub(super) fn expected_magnetic(&self, field_ned: &Vector3<f64>) -> Vector3<f64> {
+        self.r_body_to_ned.tr_mul(field_ned) + self.magnetic_bias
+    }
+
+    /// Velocity through the air, NED, m/s, where there is enough of it.
+    fn through_air(&self) -> Option<(Vector3<f64>, f64)> {
+        let v = self.velocity_ned - Vector3::new(self.wind_ne.x, self.wind_ne.y, 0.0);
+        let speed = v.norm();
+        (speed > MIN_AIRSPEED).then_some((v, speed))
+    }
+
+    /// Expected airspeed and its derivative.
+    pub(super) fn airspeed_row(&self) -> Option<(f64, Row)> {
+        let (v, speed) = self.through_air()?;
+        let gain = 1.0 + self.airspeed_scale;
+        let along = v * (gain / speed);
+        let h = Row::empty()
+            .with3(V, &along.transpose())
+            .with(WIND, -along.x)
+            .with(WIND + 1, -along.y)
+            .with(AIRSPEED, speed);
+        Some((gain * speed, h))
+    }
+
+    /// Expected velocity of the air along body y, the airspeed, and the derivative of the former.
+    pub(super) fn sideslip_row(&self) -> Option<(f64, f64, Row)> {
+        let (v, speed) = self.through_air()?;
+        let body = self.r_body_to_ned.tr_mul(&v);
+        let y_ned = self.r_body_to_ned.column(1).transpose();
+        let h = Row::empty()
+            .with3(THETA, &hat(&body).row(1).into_owned())
+            .with3(V, &y_ned)
+            .with(WIND, -y_ned.x)
+            .with(WIND + 1, -y_ned.y);
+        Some((body.y, speed, h))
+    }
+}
+
+/// ∂p_then/∂x of one axis.
+pub(super) fn position_row(state: &EskfState, axis: usize, lag: &Lag) -> Row {
+    let h = Row::unit(P + axis);
+    if lag.seconds <= 0.0 {
+        return h;
+    }
+    let tilt = hat(&lag.impulse_ned) * state.r_body_to_ned * (-0.5 * lag.seconds);
+    h.with(V + axis, -lag.seconds).with3(THETA, &tilt.row(axis).into_owned())
+}
+
+/// ∂v_then/∂x of one axis.
+pub(super) fn velocity_row(state: &EskfState, axis: usize, lag: &Lag) -> Row {
+    let h = Row::unit(V + axis);
+    if lag.seconds <= 0.0 {
+        return h;
+    }
+    let r = &state.r_body_to_ned;
+    let tilt = hat(&lag.impulse_ned) * r;
+    h.with3(THETA, &tilt.row(axis).into_owned()).with3(BA, &(r.row(axis) * lag.seconds))
+}
+
+/// ∂m/∂x of one magnetometer axis, µT; `field_body` is Rᵀ m_n in T. Exp(−δθ) x ≈ x + S(x) δθ.
+pub(super) fn magnetic_row(field_body: &Vector3<f64>, axis: usize) -> Row {
+    Row::unit(BM + axis).with3(THETA, &(hat(field_body).row(axis) * MICRO))
+}
+
+/// What the flow sensor shows of a body velocity: (1 + s)(I + μJ) v_xy + b, to first order (1 + s) I + μJ.
+pub(super) fn flow_model(flow: &SVector<f64, 4>, v_body: &Vector3<f64>) -> Vector2<f64> {
+    flow_scale(flow) * v_body.xy() + flow.fixed_rows::<2>(0)
+}
+
+fn flow_scale(flow: &SVector<f64, 4>) -> Matrix2<f64> {
+    Matrix2::new(1.0 + flow[2], -flow[3], flow[3], 1.0 + flow[2])
+}
+
+/// ∂flow/∂x of both components, where velocity and attitude are those of `lag` ago. The attitude error of then in the body axes of then
+/// is R_thenᵀ R (δθ + τ δb_g).
+pub(super) fn flow_rows(
+    state: &EskfState,
+    v_body: &Vector3<f64>,
+    r_then: &Matrix3<f64>,
+    lag: &Lag,
+) -> [Row; 2] {
+    let scale = flow_scale(&state.flow);
+    let r_now = &state.r_body_to_ned;
+    let by_velocity = scale * r_then.transpose().fixed_rows::<2>(0);
+    let by_attitude = scale * hat(v_body).fixed_rows::<2>(0);
+    let by_flow = FlowCalibration::jacobian(&v_body.xy());
+    let late = lag.seconds > 0.0;
+    let turned = if late { by_attitude * r_then.transpose() * r_now } else { by_attitude };
+    let by_theta = if late { turned + by_velocity * hat(&lag.impulse_ned) * r_now } else { turned };
+    [0, 1].map(|i| {
+        let mut h = Row::empty()
+            .with3(THETA, &by_theta.row(i).into_owned())
+            .with3(V, &by_velocity.row(i).into_owned());
+        for k in 0..4 {
+            h = h.with(FLOW + k, by_flow[(i, k)]);
+        }
+        if late {
+            h = h.with3(BG, &(turned.row(i) * lag.seconds));
+        }
+        h
+    })
+}

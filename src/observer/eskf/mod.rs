@@ -1,0 +1,352 @@
+//! An error-state Kalman filter: attitude, position, velocity, IMU errors, and what is systematically wrong with flow, magnetometer and
+//! airspeed.
+//!
+//! Nominal state R (body → NED), p, v, b_g, b_a, flow [b_x, b_y, s, μ] (see [`crate::camera::calibration`]), magnetometer bias b_m,
+//! gyro scale error s_g, wind w (north, east) and airspeed scale error k. Error state, 28 numbers, the attitude error on the body side
+//! (R_true = R Exp(δθ)):
+//!
+//! δθ̇ = −ω × δθ − δb_g − diag(ω) δs_g,  δṗ = δv,  δv̇ = −R S(f) δθ − R δb_a,  biases and wind random walks, scales constant.
+//!
+//! Linear, locally convergent, and it knows how wrong it is; the nonlinear observers, globally convergent and blind to that, start it
+//! and watch it (the staged start of the observers' specification; Fusini (10), (2) is the same idea with the linearisation about the
+//! observer). Measurements are scalars with a gate on the normalised innovation, fused one after the other; a late one is related to the
+//! present by the motion since ([`Lag`]).
+
+mod covariance;
+mod measure;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+
+use crate::geo::so3::{exp, nearest_rotation};
+use covariance::{Covariance, Pending, Row, reduce};
+pub use measure::Lag;
+
+/// Size of the error state.
+pub const STATES: usize = 28;
+const THETA: usize = 0;
+const P: usize = 3;
+const V: usize = 6;
+const BG: usize = 9;
+const BA: usize = 12;
+const FLOW: usize = 15;
+/// In µT: in tesla its variances would be lost beside the others'.
+const BM: usize = 19;
+const SG: usize = 22;
+const WIND: usize = 25;
+const AIRSPEED: usize = 27;
+
+/// Micro-units in a unit.
+const MICRO: f64 = 1e6;
+/// Longest step of the covariance, s.
+const CARRY_S: f64 = 0.02;
+/// Samples between two orthonormalisations.
+const REORTHONORMALISE: u32 = 100;
+
+/// Noise densities, walks, and what is known of constants before the flight. A constant whose standard deviation and walk are zero is
+/// no state at all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EskfSettings {
+    /// Gyro noise density, rad/s/√Hz.
+    pub gyro_noise: f64,
+    /// Accelerometer noise density, m/s²/√Hz.
+    pub accel_noise: f64,
+    /// Random walk of the gyro bias, rad/s/√s.
+    pub gyro_bias_walk: f64,
+    /// Random walk of the accelerometer bias, m/s²/√s.
+    pub accel_bias_walk: f64,
+    /// Standard deviation of the gyros' scale errors.
+    pub gyro_scale_sigma: f64,
+    /// Random walk of the magnetometer bias, T/√s.
+    pub magnetic_bias_walk: f64,
+    /// Standard deviation of the magnetometer bias at the start, T.
+    pub magnetic_bias_sigma: f64,
+    /// Random walk of the flow's velocity bias, m/s/√s.
+    pub flow_bias_walk: f64,
+    /// Random walk of the flow's scale and misalignment, 1/√s.
+    pub flow_scale_walk: f64,
+    /// Standard deviation of the wind before it was seen, m/s per axis.
+    pub wind_sigma: f64,
+    /// Random walk of the wind, m/s/√s.
+    pub wind_walk: f64,
+    /// Standard deviation of the airspeed's scale error.
+    pub airspeed_scale_sigma: f64,
+    /// Innovations beyond this many sigmas are rejected.
+    pub gate_sigma: f64,
+}
+
+/// The nominal state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EskfState {
+    /// Body → NED, orthonormal.
+    pub r_body_to_ned: Matrix3<f64>,
+    /// Position, NED, m.
+    pub position_ned: Vector3<f64>,
+    /// Velocity, NED, m/s.
+    pub velocity_ned: Vector3<f64>,
+    /// Gyro bias, body, rad/s.
+    pub gyro_bias: Vector3<f64>,
+    /// Accelerometer bias, body, m/s².
+    pub accel_bias: Vector3<f64>,
+    /// Flow [b_x m/s, b_y m/s, s, μ rad].
+    pub flow: SVector<f64, 4>,
+    /// Magnetometer bias, body, T.
+    pub magnetic_bias: Vector3<f64>,
+    /// Gyro scale errors: the gyro shows (1 + s_g) ω + b_g.
+    pub gyro_scale: Vector3<f64>,
+    /// Wind (where the air moves to), north and east, m/s.
+    pub wind_ne: Vector2<f64>,
+    /// Airspeed scale error: the sensor shows (1 + k) of the airspeed.
+    pub airspeed_scale: f64,
+}
+
+impl EskfState {
+    /// In motion, with nothing known of any sensor's errors.
+    pub fn moving(
+        r_body_to_ned: Matrix3<f64>,
+        position_ned: Vector3<f64>,
+        velocity_ned: Vector3<f64>,
+        gyro_bias: Vector3<f64>,
+    ) -> Self {
+        Self {
+            r_body_to_ned,
+            position_ned,
+            velocity_ned,
+            gyro_bias,
+            accel_bias: Vector3::zeros(),
+            flow: SVector::zeros(),
+            magnetic_bias: Vector3::zeros(),
+            gyro_scale: Vector3::zeros(),
+            wind_ne: Vector2::zeros(),
+            airspeed_scale: 0.0,
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        let motion = self.r_body_to_ned.sum() + self.position_ned.sum() + self.velocity_ned.sum();
+        let inertial = self.gyro_bias.sum() + self.accel_bias.sum() + self.gyro_scale.sum();
+        let others = self.flow.sum() + self.magnetic_bias.sum() + self.wind_ne.sum() + self.airspeed_scale;
+        (motion + inertial + others).is_finite()
+    }
+}
+
+/// Standard deviations at the start of what is not in the settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StartSigma {
+    /// Attitude, rotations about the body axes, rad.
+    pub attitude_body: Vector3<f64>,
+    /// Position, NED, m.
+    pub position_ned: Vector3<f64>,
+    /// Velocity, NED, m/s.
+    pub velocity_ned: Vector3<f64>,
+    /// Gyro bias, rad/s.
+    pub gyro_bias: Vector3<f64>,
+    /// Accelerometer bias, m/s².
+    pub accel_bias: Vector3<f64>,
+    /// Covariance of the flow's [b_x, b_y, s, μ].
+    pub flow: SMatrix<f64, 4, 4>,
+}
+
+/// What a correction moved, to be carried into the remembered past, and how likely it was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Correction {
+    /// Of the position, m.
+    pub position_ned: Vector3<f64>,
+    /// Of the velocity, m/s.
+    pub velocity_ned: Vector3<f64>,
+    /// The normalised innovation squared, innovation²/variance: 1 in the mean where the filter is honest.
+    pub nis: f64,
+    /// Of the whole error state.
+    all: SVector<f64, STATES>,
+}
+
+/// A measurement that was not used; its innovation over its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gated(pub f64);
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct Eskf {
+    settings: EskfSettings,
+    state: EskfState,
+    p: Covariance,
+    pending: Pending,
+    steps: u32,
+}
+
+impl Eskf {
+    /// Starts at `state`, known this well.
+    pub fn new(settings: EskfSettings, state: EskfState, sigma: &StartSigma) -> Self {
+        let mut p = Covariance::zeros();
+        let s = &settings;
+        let wind = Vector3::new(s.wind_sigma, s.wind_sigma, s.airspeed_scale_sigma);
+        for (block, s) in [
+            (THETA, sigma.attitude_body),
+            (P, sigma.position_ned),
+            (V, sigma.velocity_ned),
+            (BG, sigma.gyro_bias),
+            (BA, sigma.accel_bias),
+            (BM, Vector3::repeat(s.magnetic_bias_sigma * MICRO)),
+            (SG, Vector3::repeat(s.gyro_scale_sigma)),
+            (WIND, wind),
+        ] {
+            for axis in 0..3 {
+                p[(block + axis, block + axis)] = s[axis] * s[axis];
+            }
+        }
+        p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
+        Self { settings, state, p, pending: Pending::new(state.r_body_to_ned), steps: 0 }
+    }
+
+    /// The nominal state.
+    pub fn state(&self) -> &EskfState {
+        &self.state
+    }
+
+    /// Covariance of the position, NED, m². As all covariances, it may be 20 ms old between measurements.
+    pub fn position_covariance(&self) -> Matrix3<f64> {
+        self.p.fixed_view::<3, 3>(P, P).into_owned()
+    }
+
+    /// Covariance of the velocity, NED, m²/s².
+    pub fn velocity_covariance(&self) -> Matrix3<f64> {
+        self.p.fixed_view::<3, 3>(V, V).into_owned()
+    }
+
+    /// Covariance of the attitude error in NED axes, rad².
+    pub fn attitude_covariance_ned(&self) -> Matrix3<f64> {
+        let r = &self.state.r_body_to_ned;
+        r * self.p.fixed_view::<3, 3>(THETA, THETA) * r.transpose()
+    }
+
+    /// Covariance of the wind, north and east, m²/s².
+    pub fn wind_covariance(&self) -> nalgebra::Matrix2<f64> {
+        self.p.fixed_view::<2, 2>(WIND, WIND).into_owned()
+    }
+
+    /// Whether everything is finite.
+    pub fn is_finite(&self) -> bool {
+        self.state.is_finite() && self.p.sum().is_finite()
+    }
+
+    /// Moves the origin: positions become smaller by `moved`.
+    pub fn shift_origin(&mut self, moved_ned: &Vector3<f64>) {
+        self.state.position_ned -= moved_ned;
+    }
+
+    /// Position and velocity are known anew (horizontally: the vertical stays), with these standard deviations; attitude and biases
+    /// stay, and forget what they had to do with the old ones.
+    pub fn reset_motion(
+        &mut self,
+        position_ne: &Vector2<f64>,
+        velocity_ne: &Vector2<f64>,
+        sigma_position_m: f64,
+        sigma_velocity_mps: f64,
+    ) {
+        self.carry();
+        for axis in 0..2 {
+            self.forget(P + axis, sigma_position_m);
+            self.forget(V + axis, sigma_velocity_mps);
+            self.state.position_ned[axis] = position_ne[axis];
+            self.state.velocity_ned[axis] = velocity_ne[axis];
+        }
+    }
+
+    fn forget(&mut self, index: usize, sigma: f64) {
+        self.p.row_mut(index).fill(0.0);
+        self.p.column_mut(index).fill(0.0);
+        self.p[(index, index)] = sigma * sigma;
+    }
+
+    /// One IMU sample over `dt` s: mean angular rate (rad/s) and specific force (m/s²), body; gravity and Earth rate, NED.
+    /// Returns the acceleration in NED that was integrated, m/s².
+    pub fn predict(
+        &mut self,
+        dt: f64,
+        angular_rate: &Vector3<f64>,
+        specific_force: &Vector3<f64>,
+        gravity_ned: &Vector3<f64>,
+        earth_rate_ned: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let s = &mut self.state;
+        let r = s.r_body_to_ned;
+        let inertial = (angular_rate - s.gyro_bias).component_mul(&(Vector3::repeat(1.0) - s.gyro_scale));
+        let rate = inertial - r.tr_mul(earth_rate_ned);
+        let force = specific_force - s.accel_bias;
+        // The mean attitude of the interval turns the force; two halves make the whole turn.
+        let half = exp(&(rate * (0.5 * dt)));
+        let turn = half * half;
+        let f_ned = r * (half * force);
+        let acceleration = f_ned + gravity_ned - 2.0 * earth_rate_ned.cross(&s.velocity_ned);
+        s.position_ned += dt * (s.velocity_ned + 0.5 * dt * acceleration);
+        s.velocity_ned += dt * acceleration;
+        s.r_body_to_ned = r * turn;
+        self.steps += 1;
+        if self.steps.is_multiple_of(REORTHONORMALISE)
+            && let Some(clean) = nearest_rotation(&s.r_body_to_ned)
+        {
+            s.r_body_to_ned = clean;
+        }
+        self.pending.add(dt, &turn, &r, &f_ned, &inertial);
+        if self.pending.dt >= CARRY_S {
+            self.carry();
+        }
+        acceleration
+    }
+
+    /// Brings the covariance up to the nominal state.
+    fn carry(&mut self) {
+        if self.pending.dt > 0.0 {
+            self.pending.carry(&mut self.p, &self.settings);
+            self.pending = Pending::new(self.state.r_body_to_ned);
+        }
+    }
+
+    /// The innovation's variance, P hᵀ, and whether it passes the gate.
+    fn gate(
+        &mut self,
+        h: &Row,
+        innovation: f64,
+        variance: f64,
+    ) -> Result<(f64, SVector<f64, STATES>), Gated> {
+        self.carry();
+        let ph = h.times(&self.p);
+        let s = h.dot(&ph) + variance;
+        let normalised = innovation / s.sqrt();
+        if normalised.is_finite() && normalised.abs() <= self.settings.gate_sigma {
+            Ok((s, ph))
+        } else {
+            Err(Gated(normalised))
+        }
+    }
+
+    /// A scalar update.
+    fn fuse(&mut self, h: &Row, innovation: f64, variance: f64) -> Result<Correction, Gated> {
+        let (s, ph) = self.gate(h, innovation, variance)?;
+        reduce(&mut self.p, &ph, s);
+        let dx = ph * (innovation / s);
+        self.inject(&dx);
+        self.pending = Pending::new(self.state.r_body_to_ned);
+        Ok(Correction {
+            position_ned: dx.fixed_rows::<3>(P).into_owned(),
+            velocity_ned: dx.fixed_rows::<3>(V).into_owned(),
+            nis: innovation * innovation / s,
+            all: dx,
+        })
+    }
+
+    fn inject(&mut self, dx: &SVector<f64, STATES>) {
+        let s = &mut self.state;
+        s.r_body_to_ned *= exp(&dx.fixed_rows::<3>(THETA).into_owned());
+        s.position_ned += dx.fixed_rows::<3>(P);
+        s.velocity_ned += dx.fixed_rows::<3>(V);
+        s.gyro_bias += dx.fixed_rows::<3>(BG);
+        s.accel_bias += dx.fixed_rows::<3>(BA);
+        s.flow += dx.fixed_rows::<4>(FLOW);
+        s.magnetic_bias += dx.fixed_rows::<3>(BM) / MICRO;
+        s.gyro_scale += dx.fixed_rows::<3>(SG);
+        s.wind_ne += dx.fixed_rows::<2>(WIND);
+        s.airspeed_scale += dx[AIRSPEED];
+    }
+}

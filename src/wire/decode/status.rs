@@ -1,0 +1,47 @@
+//! What the vehicle is and whether it is armed, and whether it has a pitot tube.
+
+use mavlink::dialects::ardupilotmega as apm;
+
+use crate::sample::{Airframe, VehicleStatus};
+
+use super::{Cause, Decoder, Item, Out};
+
+/// A differential pressure beyond this is one, hPa: 4 m/s.
+const SOME_PRESSURE_HPA: f32 = 0.1;
+
+impl Decoder {
+    /// HEARTBEAT of the autopilot.
+    pub(super) fn heartbeat(&mut self, m: &apm::HEARTBEAT_DATA, out: Out<'_>) -> Result<(), Cause> {
+        let armed = m.base_mode.contains(apm::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+        let status = VehicleStatus { airframe: airframe(m.mavtype as u8), armed: Some(armed) };
+        if self.status != Some(status) {
+            self.status = Some(status);
+            out.push(Item::Status(status));
+        }
+        Ok(())
+    }
+
+    /// SYS_STATUS tells whether a differential pressure sensor is enabled.
+    pub(super) fn sys_status(&mut self, m: &apm::SYS_STATUS_DATA) -> Result<(), Cause> {
+        let sensor = apm::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE;
+        self.pitot = Some(m.onboard_control_sensors_enabled.contains(sensor));
+        Ok(())
+    }
+
+    /// SCALED_PRESSURE shows a differential pressure where SYS_STATUS is not sent.
+    pub(super) fn differential_pressure(&mut self, hpa: f32) {
+        if self.pitot.is_none() && hpa.is_finite() && hpa.abs() > SOME_PRESSURE_HPA {
+            self.pitot = Some(true);
+        }
+    }
+}
+
+/// `MAV_TYPE`.
+fn airframe(mav_type: u8) -> Option<Airframe> {
+    match mav_type {
+        1 | 19..=25 => Some(Airframe::FixedWing),
+        2 | 3 | 4 | 13..=15 | 29 | 35 => Some(Airframe::Multirotor),
+        10 | 11 | 12 => Some(Airframe::Surface),
+        _ => None,
+    }
+}
