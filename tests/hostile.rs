@@ -52,7 +52,8 @@ fn real() -> &'static [Record] {
 
 fn decoder() -> Decoder {
     let mut decoder = Decoder::new();
-    let dialect = Dialect { raw_imu_is_scaled: true, flow_comp_is_rate: true, airspeed_may_be_estimate: false };
+    let dialect =
+        Dialect { raw_imu_is_scaled: true, flow_comp_is_rate: true, airspeed_may_be_estimate: false };
     decoder.follow(SystemId(1), ComponentId::AUTOPILOT, dialect);
     decoder
 }

@@ -167,7 +167,7 @@ fn print_table(rows: &[Row], args: &EvaluateArgs) {
     ]);
     for path in &args.logs {
         let log = name(path);
-        for estimator in [Estimator::Shipped, Estimator::Nlo, Estimator::NloPrinted, Estimator::Inertial] {
+        for estimator in Estimator::ALL {
             for &length in &args.lengths {
                 let group: Vec<&SweepRow> = rows
                     .iter()

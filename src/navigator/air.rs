@@ -85,5 +85,3 @@ impl Navigator {
         self.airspeed_used.is_some_and(|t| now.seconds_since(t) < AIRSPEED_AGE_S)
     }
 }
-
-

@@ -23,6 +23,7 @@ pub mod settings;
 pub mod solution;
 pub mod trust;
 pub mod verdict;
+mod xkf;
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -46,6 +47,7 @@ use settings::{Estimator, NavigatorSettings};
 use solution::{Carrier, Mode, Solution};
 use trust::{GnssState, GnssTrust};
 use verdict::{Reason, Tally, Verdict};
+use xkf::SecondStage;
 
 /// How long after its last measurement an axis of the measurement signal counts as measured.
 const SIGNAL_HOLD: Span = Span::from_millis(700);
@@ -81,6 +83,8 @@ pub struct Navigator {
     state: Option<ObserverState>,
     /// The filter, once the observer has found the attitude.
     kalman: Option<Kalman>,
+    /// The second stage over the observer, for `xkf`.
+    xkf: Option<SecondStage>,
     predictor: Predictor,
     scheme: Scheme,
     history: History,
@@ -139,6 +143,7 @@ impl Navigator {
             decimal_year: DEFAULT_YEAR,
             state: None,
             kalman: None,
+            xkf: None,
             predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros()),
             scheme,
             history: History::new(HISTORY_SAMPLES),
@@ -211,6 +216,9 @@ impl Navigator {
             state.position_ned -= moved;
             if let Some(kalman) = &mut self.kalman {
                 kalman.filter.shift_origin(&moved);
+            }
+            if let Some(stage) = &mut self.xkf {
+                stage.filter.shift_position(&-moved);
             }
             self.history.clear();
             self.trust.forget_track();

@@ -22,6 +22,8 @@ pub enum Estimator {
     /// The nonlinear observers with the gains and discretisation that the papers print; the flow's errors are taken out by its
     /// calibration as for the others, not by the printed low pass.
     NloPrinted,
+    /// The paper's filter: an exogenous Kalman filter over the nonlinear observers (Fusini (10), (2)).
+    Xkf,
     /// The baseline: an error-state Kalman filter with attitude, position, velocity and IMU biases (15 states) and a flow bias, fed with
     /// IMU, GNSS, flow, magnetometer and height.
     Ekf15,
@@ -30,12 +32,23 @@ pub enum Estimator {
 }
 
 impl Estimator {
+    /// All, in the order of tables.
+    pub const ALL: [Estimator; 6] = [
+        Estimator::Shipped,
+        Estimator::Ekf15,
+        Estimator::Xkf,
+        Estimator::Nlo,
+        Estimator::NloPrinted,
+        Estimator::Inertial,
+    ];
+
     /// Its name, as in the configuration.
     pub const fn label(self) -> &'static str {
         match self {
             Estimator::Shipped => "shipped",
             Estimator::Nlo => "nlo",
             Estimator::NloPrinted => "nlo_printed",
+            Estimator::Xkf => "xkf",
             Estimator::Ekf15 => "ekf15",
             Estimator::Inertial => "inertial",
         }

@@ -13,7 +13,7 @@
 //! Start it when the observer has converged, not at t = 0: its covariance would shrink during the observer's transient; and start
 //! it anew when the observer disagrees. It fails with the nose near the vertical, where Euler angles do.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::eskf::Gated;
 use super::euler_model::{
@@ -59,6 +59,8 @@ pub struct XkfCorrection {
     pub position_ned: Vector3<f64>,
     /// Of the velocity, NED, m/s.
     pub velocity_ned: Vector3<f64>,
+    /// Normalised innovation squared; 1 on average where the filter is honest.
+    pub nis: f64,
 }
 
 /// The second stage. See the module's documentation.
@@ -236,6 +238,51 @@ impl Xkf {
         self.fuse_about(about, body_velocity(about, axis), flow_velocity_mps - self.flow_bias[axis], variance)
     }
 
+    /// A flow velocity, body x and y, of some time ago: `innovation_xy` is v_m less Rᵀv + b_v of its time, which the caller remembers;
+    /// the rows are those about `about`.
+    ///
+    /// # Errors
+    /// [`Gated`]: then neither component is used.
+    pub fn fuse_late_flow(
+        &mut self,
+        about: &EulerState,
+        innovation_xy: &Vector2<f64>,
+        variance_xy: &Vector2<f64>,
+    ) -> Result<[XkfCorrection; 2], Gated> {
+        let rows = [0, 1].map(|axis| body_velocity(about, axis).1);
+        for axis in 0..2 {
+            self.gate(&rows[axis], innovation_xy[axis], variance_xy[axis])?;
+        }
+        let before = self.x;
+        let first = self.fuse(&rows[0], innovation_xy.x, variance_xy.x)?;
+        // What the first has changed of the second's expectation.
+        let moved = (rows[1] * difference(&self.x, &before))[0];
+        let second = self.fuse(&rows[1], innovation_xy.y - moved, variance_xy.y)?;
+        Ok([first, second])
+    }
+
+    /// Position and velocity are known anew, horizontally, with these standard deviations; the rest stays, and forgets what it had to do
+    /// with the old ones.
+    pub fn reset_motion(
+        &mut self,
+        position_ne: &Vector2<f64>,
+        velocity_ne: &Vector2<f64>,
+        sigma_position_m: f64,
+        sigma_velocity_mps: f64,
+    ) {
+        for (block, value, sigma) in
+            [(P, position_ne, sigma_position_m), (V, velocity_ne, sigma_velocity_mps)]
+        {
+            for axis in 0..2 {
+                let i = block + axis;
+                self.p.row_mut(i).fill(0.0);
+                self.p.column_mut(i).fill(0.0);
+                self.p[(i, i)] = sigma * sigma;
+                self.x[i] = value[axis];
+            }
+        }
+    }
+
     /// One axis of the IMU's specific force f_m, m/s², where the vehicle's acceleration is that of a steady turn (y3). Only for motions
     /// whose body velocity hardly changes.
     ///
@@ -298,13 +345,7 @@ impl Xkf {
     }
 
     fn fuse(&mut self, h: &Row, innovation: f64, variance: f64) -> Result<XkfCorrection, Gated> {
-        let ph = self.p * h.transpose();
-        let s = (h * ph)[0] + variance;
-        let normalised = innovation / s.sqrt();
-        // NaN fails, too. An infinite gate lets everything finite pass.
-        if !(normalised.is_finite() && normalised.abs() <= self.settings.gate_sigma) {
-            return Err(Gated(normalised));
-        }
+        let (ph, s) = self.gate(h, innovation, variance)?;
         let dx = ph * (innovation / s);
         self.x += dx;
         self.wrap();
@@ -314,7 +355,21 @@ impl Xkf {
         Ok(XkfCorrection {
             position_ned: dx.fixed_rows::<3>(P).into_owned(),
             velocity_ned: dx.fixed_rows::<3>(V).into_owned(),
+            nis: innovation * innovation / s,
         })
+    }
+
+    /// P hᵀ and the innovation's variance, if the innovation is likely enough.
+    fn gate(&self, h: &Row, innovation: f64, variance: f64) -> Result<(SVector<f64, STATES>, f64), Gated> {
+        let ph = self.p * h.transpose();
+        let s = (h * ph)[0] + variance;
+        let normalised = innovation / s.sqrt();
+        // NaN fails, too. An infinite gate lets everything finite pass.
+        if normalised.is_finite() && normalised.abs() <= self.settings.gate_sigma {
+            Ok((ph, s))
+        } else {
+            Err(Gated(normalised))
+        }
     }
 
     fn wrap(&mut self) {

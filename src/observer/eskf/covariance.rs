@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, RowVector3, SMatrix, SVector, Vector3};
 
-use super::{BA, BG, EskfSettings, FLOW, BM, P, SG, STATES, THETA, V, WIND};
+use super::{BA, BG, BM, EskfSettings, FLOW, P, SG, STATES, THETA, V, WIND};
 use crate::geo::so3::hat;
 
 /// Symmetric, of the error state.
@@ -40,7 +40,14 @@ impl Pending {
     }
 
     /// One more sample.
-    pub(super) fn add(&mut self, dt: f64, turn: &Matrix3<f64>, r: &Matrix3<f64>, f_ned: &Vector3<f64>, rate: &Vector3<f64>) {
+    pub(super) fn add(
+        &mut self,
+        dt: f64,
+        turn: &Matrix3<f64>,
+        r: &Matrix3<f64>,
+        f_ned: &Vector3<f64>,
+        rate: &Vector3<f64>,
+    ) {
         self.dt += dt;
         self.turn *= turn;
         self.rotation += r * dt;

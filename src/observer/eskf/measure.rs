@@ -61,8 +61,7 @@ impl Eskf {
                 velocity_row(&self.state, axis, lag)
             };
             // What the earlier components have changed of this one's expectation.
-            let moved: f64 =
-                fused.iter().flatten().flatten().map(|c: &Correction| h.dot(&c.all)).sum();
+            let moved: f64 = fused.iter().flatten().flatten().map(|c: &Correction| h.dot(&c.all)).sum();
             fused[i] = Some(self.fuse(&h, error[axis] - moved, variances[i / 2]));
         }
         fused

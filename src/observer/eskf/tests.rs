@@ -198,7 +198,8 @@ fn the_covariance_stays_symmetric_and_positive() {
     assert!(f.is_finite());
     assert_eq!(f.p, f.p.transpose());
     // Units differ by orders of magnitude: correlations are what can be compared.
-    let correlation = Covariance::from_fn(|i, j| f.p[(i, j)] / (f.p[(i, i)] * f.p[(j, j)]).sqrt().max(1e-300));
+    let correlation =
+        Covariance::from_fn(|i, j| f.p[(i, j)] / (f.p[(i, i)] * f.p[(j, j)]).sqrt().max(1e-300));
     let least = correlation.symmetric_eigenvalues().min();
     assert!(least > -1e-9, "{least}");
     let r = f.state().r_body_to_ned;
@@ -225,9 +226,13 @@ fn an_outlier_is_gated_and_changes_nothing() {
 
 #[test]
 fn wind_and_airspeed_scale_are_found_in_turns() {
-    let settings =
-        EskfSettings { wind_sigma: 8.0, airspeed_scale_sigma: 0.1, accel_noise: 0.01, ..silent() };
-    let start = EskfState::moving(Matrix3::identity(), Vector3::zeros(), Vector3::new(20.0, 0.0, 0.0), Vector3::zeros());
+    let settings = EskfSettings { wind_sigma: 8.0, airspeed_scale_sigma: 0.1, accel_noise: 0.01, ..silent() };
+    let start = EskfState::moving(
+        Matrix3::identity(),
+        Vector3::zeros(),
+        Vector3::new(20.0, 0.0, 0.0),
+        Vector3::zeros(),
+    );
     let mut f = Eskf::new(settings, start, &certain([0.0, 0.1, 0.1, 0.0, 0.0], Matrix4::zeros()));
     let (wind, scale, airspeed, rate) = (Vector2::new(4.0, -3.0), 0.04, 18.0, 0.1);
     for k in 0..6000 {
@@ -249,7 +254,12 @@ fn wind_and_airspeed_scale_are_found_in_turns() {
 
 #[test]
 fn standing_still_shows_the_gyro_bias() {
-    let at_rest = EskfState::moving(Matrix3::identity(), Vector3::zeros(), Vector3::new(0.3, -0.2, 0.1), Vector3::zeros());
+    let at_rest = EskfState::moving(
+        Matrix3::identity(),
+        Vector3::zeros(),
+        Vector3::new(0.3, -0.2, 0.1),
+        Vector3::zeros(),
+    );
     let mut f = Eskf::new(silent(), at_rest, &certain([0.01, 1.0, 0.5, 0.02, 0.0], Matrix4::zeros()));
     let bias = Vector3::new(0.01, -0.005, 0.002);
     for _ in 0..300 {

@@ -69,7 +69,11 @@ impl Decoder {
     pub fn new() -> Self {
         Self {
             vehicle: None,
-            dialect: Dialect { raw_imu_is_scaled: false, flow_comp_is_rate: false, airspeed_may_be_estimate: true },
+            dialect: Dialect {
+                raw_imu_is_scaled: false,
+                flow_comp_is_rate: false,
+                airspeed_may_be_estimate: true,
+            },
             clock: AutopilotClock::new(),
             counters: Counters::default(),
             imu: Preference::default(),
@@ -178,7 +182,8 @@ impl Default for Decoder {
 fn of_interest(id: u32) -> bool {
     matches!(
         id,
-        0 | 1 | 2 | 24 | 26 | 27 | 29..=33 | 49 | 74 | 100 | 105 | 106 | 108 | 115 | 116 | 124 | 129 | 132 | 137
+        0 | 1 | 2 | 24 | 26 | 27 | 29
+            ..=33 | 49 | 74 | 100 | 105 | 106 | 108 | 115 | 116 | 124 | 129 | 132 | 137
     ) || matches!(id, 143 | 149 | 164 | 173)
 }
 
