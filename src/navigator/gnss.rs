@@ -85,7 +85,7 @@ impl Navigator {
             }
         }
         let mut sample = FixSample::position(measured, &p).without_vertical_position();
-        if let Some((north, east)) = v {
+        if let Some((north, east)) = v.filter(|_| self.settings.observer.gnss_velocity) {
             sample = sample.with_horizontal_velocity(north, east);
         }
         let Some(innovation) = self.predictor.innovation(&sample) else { return Err(GnssFault::Untimely) };

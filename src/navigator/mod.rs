@@ -30,6 +30,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
 use crate::observer::eskf::EskfState;
+use crate::observer::fusini::FlowBiasForm;
 use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
 use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
@@ -43,7 +44,7 @@ use latency::LatencyEstimator;
 use modes::ModeState;
 use nis::NisTally;
 use rest::Rest;
-use settings::{Estimator, NavigatorSettings};
+use settings::{Estimator, FlowBiasSource, NavigatorSettings};
 use solution::{Carrier, Mode, Solution};
 use trust::{GnssState, GnssTrust};
 use verdict::{Reason, Tally, Verdict};
@@ -133,6 +134,19 @@ impl Navigator {
             (GripParams::printed(), GripParams::printed(), FusiniParams::printed())
         } else {
             (tuned_grip(&settings), GripParams::start_up(), tuned_fusini(&settings))
+        };
+        let (grip, grip_start) = if settings.observer.gnss_velocity {
+            (grip, grip_start)
+        } else {
+            (grip.position_only(), grip_start.position_only())
+        };
+        let fusini = FusiniParams {
+            flow_bias: match settings.observer.flow_bias {
+                FlowBiasSource::AsPrinted => FlowBiasForm::AsPrinted,
+                FlowBiasSource::Body | FlowBiasSource::Calibration => FlowBiasForm::Body,
+            },
+            flow_bias_time_constant_s: settings.observer.flow_bias_time_s,
+            ..fusini
         };
         let scheme = if printed { Scheme::Hold } else { Scheme::InterSample };
         Self {

@@ -25,7 +25,7 @@ use super::kalman::{
 };
 use super::nis::Measured;
 use super::settings::Estimator;
-use super::solution::Mode;
+use super::solution::{Carrier, Mode};
 use super::{Navigator, Place};
 
 /// The second stage, and when it was last fed.
@@ -51,6 +51,17 @@ impl Navigator {
     /// The observer's state as a point to linearise about.
     fn observed(&self) -> Option<EulerState> {
         EulerState::of_observer(self.state.as_ref()?, Vector3::zeros())
+    }
+
+    /// What is linearised about. Without any velocity the observer does not converge, and its trajectory is worth nothing: then the filter
+    /// is linearised about its own, as any extended Kalman filter is.
+    fn about(&self) -> Option<EulerState> {
+        match &self.xkf {
+            Some(stage) if self.modes.dead_reckoning() && self.carrier != Carrier::Flow => {
+                Some(stage.filter.state()).filter(EulerState::is_regular)
+            }
+            _ => self.observed(),
+        }
     }
 
     /// Starts the second stage from the observer.
@@ -100,7 +111,6 @@ impl Navigator {
         if self.xkf.is_none() && self.modes.mode() == Mode::Aided && self.modes.calm() {
             self.start_xkf(now);
         }
-        let about = self.observed();
         let biases = if self.modes.dead_reckoning() { BiasMode::Frozen } else { BiasMode::Estimated };
         let input = XkfInput {
             dt_s: dt,
@@ -111,13 +121,12 @@ impl Navigator {
         };
         let stage = self.xkf.as_mut()?;
         let predicted = stage.filter.predict(&stage.about, &input, biases);
-        match (predicted, about) {
-            (Ok(()), Some(about)) if stage.filter.is_finite() => stage.about = about,
-            _ => {
-                self.xkf = None;
-                return None;
-            }
-        }
+        let sound = predicted.is_ok() && stage.filter.is_finite();
+        let Some(about) = self.about().filter(|_| sound) else {
+            self.xkf = None;
+            return None;
+        };
+        self.xkf.as_mut()?.about = about;
         self.fuse_slow(now, place);
         self.watch_xkf(now);
         let state = self.xkf.as_ref()?.filter.state();
@@ -262,8 +271,10 @@ impl Navigator {
         variance_xy: &Vector2<f64>,
     ) -> bool {
         let past = self.history.motion(time).or_else(|| self.estimate());
-        let corrected = self.carrying_calibration().correct(flow_xy);
-        let (Some((_, velocity)), Some(stage)) = (past, &mut self.xkf) else { return true };
+        let corrected = self.carrier_index().map(|sensor| self.corrected(sensor, flow_xy));
+        let (Some((_, velocity)), Some(corrected), Some(stage)) = (past, corrected, &mut self.xkf) else {
+            return true;
+        };
         let innovation = corrected - r_body_to_ned.tr_mul(&velocity).xy();
         match stage.filter.fuse_late_flow(&stage.about, &innovation, variance_xy) {
             Ok(corrections) => {

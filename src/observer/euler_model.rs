@@ -60,7 +60,12 @@ impl EulerState {
             gyro_bias: state.gyro_bias,
             accel_bias,
         };
-        (point.angles.pitch_rad.cos() >= LEAST_COS_PITCH && point.vector().sum().is_finite()).then_some(point)
+        point.is_regular().then_some(point)
+    }
+
+    /// Whether it can be linearised about: finite, and the nose not within 1.1° of the vertical.
+    pub fn is_regular(&self) -> bool {
+        self.angles.pitch_rad.cos() >= LEAST_COS_PITCH && self.vector().sum().is_finite()
     }
 
     /// The attitude as a rotation.

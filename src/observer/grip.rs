@@ -65,6 +65,11 @@ impl GripParams {
         }
     }
 
+    /// The same without GNSS velocity (Theorem 2): the velocity columns of K are zero.
+    pub fn position_only(self) -> Self {
+        Self { gains: self.gains.position_only(), ..self }
+    }
+
     /// The first half minute from an unknown attitude: as [`Self::km`] with K_P = I, k_I = 0.1 and a
     /// magnetic triad that is used nearer to where it degenerates.
     pub fn start_up() -> Self {
