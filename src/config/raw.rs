@@ -182,6 +182,8 @@ struct Observer {
 struct Kalman {
     gyro_noise: f64,
     accel_noise: f64,
+    gyro_rate_noise: f64,
+    accel_load_noise: f64,
     gyro_bias_walk: f64,
     accel_bias_walk: f64,
     magnetic_bias_sigma_ut: f64,
@@ -309,6 +311,8 @@ impl Raw {
             kalman: EskfSettings {
                 gyro_noise: self.kalman.gyro_noise,
                 accel_noise: self.kalman.accel_noise,
+                gyro_rate_noise: self.kalman.gyro_rate_noise,
+                accel_load_noise: self.kalman.accel_load_noise,
                 gyro_bias_walk: self.kalman.gyro_bias_walk,
                 accel_bias_walk: self.kalman.accel_bias_walk,
                 magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,

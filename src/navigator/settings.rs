@@ -32,13 +32,13 @@ pub enum Estimator {
 }
 
 impl Estimator {
-    /// All, in the order of tables.
+    /// All, in the order they are shown.
     pub const ALL: [Estimator; 6] = [
         Estimator::Shipped,
-        Estimator::Ekf15,
-        Estimator::Xkf,
         Estimator::Nlo,
         Estimator::NloPrinted,
+        Estimator::Xkf,
+        Estimator::Ekf15,
         Estimator::Inertial,
     ];
 

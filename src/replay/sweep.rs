@@ -32,9 +32,9 @@ pub struct SweepRow {
     pub sigma_end_m: Option<f64>,
 }
 
-/// A vehicle this high above where it stood, or this fast, flies.
-const AIRBORNE_M: f64 = 2.0;
-const AIRBORNE_MPS: f64 = 5.0;
+/// A vehicle this high above where it stood, m, or this fast, m/s, flies: by truth, and by GNSS, whose height wanders on the ground.
+const AIRBORNE_M: [f64; 2] = [2.0, 10.0];
+const AIRBORNE_MPS: [f64; 2] = [5.0, 3.0];
 /// Time that the navigation has to settle with GNSS in the air before the first outage, s.
 const SETTLE_S: f64 = 30.0;
 
@@ -76,7 +76,7 @@ pub fn airborne(log: &Log) -> Result<Option<(f64, f64)>, LogError> {
             };
             let t = start.map_or(0.0, |s| time.seconds_since(s));
             let ground = ground[source].get_or_insert(height);
-            if height - *ground > AIRBORNE_M || speed > AIRBORNE_MPS {
+            if height - *ground > AIRBORNE_M[source] || speed > AIRBORNE_MPS[source] {
                 flying[source] = Some(flying[source].map_or((t, t), |(from, _)| (from, t)));
             }
         },

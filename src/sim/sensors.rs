@@ -1,10 +1,15 @@
 //! Ideal sensors from a trajectory, and seeded errors on top of them.
 
 use super::trajectory::{Trajectory, Truth};
+use crate::geo::Geodetic;
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::ops::{Add, Mul};
+
+/// The year whose magnetic field the simulated world has: the navigator's while no clock has told the date.
+const FIELD_YEAR: f64 = 2026.0;
 
 /// The world around the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +25,20 @@ pub struct Environment {
 }
 
 impl Environment {
+    /// The normal gravity, Earth rate and magnetic field (of the beginning of 2026) of a place, which is the origin; the ground
+    /// `ground_down_m` below it. The world is flat: gravity is the same everywhere and points along NED's z.
+    ///
+    /// # Errors
+    /// [`crate::geo::MagneticError`] for a place that is none.
+    pub fn of(origin: &Geodetic, ground_down_m: f64) -> Result<Self, crate::geo::MagneticError> {
+        Ok(Self {
+            gravity_mps2: crate::geo::normal_gravity(origin.latitude_rad, origin.height_m),
+            earth_rate_ned: crate::geo::earth_rate_ned(origin.latitude_rad),
+            magnetic_ned: crate::geo::magnetic_field(origin, FIELD_YEAR)?.field_ned_t,
+            ground_down_m,
+        })
+    }
+
     /// Central Norway: 63.4° N, a steep field of 52 µT, ground at the origin's level.
     pub fn trondheim() -> Self {
         Self {
@@ -58,22 +77,29 @@ impl Environment {
 
     /// The ideal IMU sample stamped `to_s`: means over (from, to], by five-point Gauss-Legendre quadrature (exact to the ninth order).
     pub fn imu(&self, trajectory: &(impl Trajectory + ?Sized), from_s: f64, to_s: f64) -> ImuMean {
-        const NODES: [(f64, f64); 5] = [
-            (0.0, 128.0 / 225.0),
-            (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
-            (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
-            (0.906_179_845_938_664, 0.236_926_885_056_189_08),
-            (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
-        ];
-        let (middle, half) = (0.5 * (from_s + to_s), 0.5 * (to_s - from_s));
-        let mut mean = ImuMean { angular_rate: Vector3::zeros(), specific_force: Vector3::zeros() };
-        for (x, w) in NODES {
-            let truth = trajectory.at(middle + half * x);
-            mean.angular_rate += 0.5 * w * self.angular_rate(&truth);
-            mean.specific_force += 0.5 * w * self.specific_force(&truth);
-        }
-        mean
+        mean(from_s, to_s, ImuMean::zero(), |t| self.imu_at(&trajectory.at(t)))
     }
+
+    /// What an ideal IMU feels at one instant.
+    pub fn imu_at(&self, truth: &Truth) -> ImuMean {
+        ImuMean { angular_rate: self.angular_rate(truth), specific_force: self.specific_force(truth) }
+    }
+}
+
+/// The mean of `f` over an interval, by five-point Gauss-Legendre quadrature, added to `zero`.
+pub(super) fn mean<T>(from_s: f64, to_s: f64, zero: T, f: impl Fn(f64) -> T) -> T
+where
+    T: Add<Output = T> + Mul<f64, Output = T>,
+{
+    const NODES: [(f64, f64); 5] = [
+        (0.0, 128.0 / 225.0),
+        (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+        (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+        (0.906_179_845_938_664, 0.236_926_885_056_189_08),
+        (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
+    ];
+    let (middle, half) = (0.5 * (from_s + to_s), 0.5 * (to_s - from_s));
+    NODES.into_iter().fold(zero, |sum, (x, w)| sum + f(middle + half * x) * (0.5 * w))
 }
 
 /// An IMU sample: means over its interval, body axes.
@@ -83,6 +109,30 @@ pub struct ImuMean {
     pub angular_rate: Vector3<f64>,
     /// m/s².
     pub specific_force: Vector3<f64>,
+}
+
+impl ImuMean {
+    /// Nothing felt.
+    fn zero() -> Self {
+        Self { angular_rate: Vector3::zeros(), specific_force: Vector3::zeros() }
+    }
+}
+
+impl Add for ImuMean {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self {
+            angular_rate: self.angular_rate + other.angular_rate,
+            specific_force: self.specific_force + other.specific_force,
+        }
+    }
+}
+
+impl Mul<f64> for ImuMean {
+    type Output = Self;
+    fn mul(self, by: f64) -> Self {
+        Self { angular_rate: self.angular_rate * by, specific_force: self.specific_force * by }
+    }
 }
 
 /// Errors of the sensors: constant biases and the standard deviations of white noise, equal on all axes where scalar.
@@ -222,7 +272,7 @@ mod tests {
 
     #[test]
     fn integrating_the_ideal_imu_gives_the_trajectory_back() {
-        let env = Environment { ..Environment::trondheim() };
+        let env = Environment::trondheim();
         for tr in [
             Box::new(FixedWing::figure_eight(800.0, 400.0, 80.0, 150.0, 30.0, 50.0)) as Box<dyn Trajectory>,
             Box::new(Multirotor::square()),

@@ -43,11 +43,25 @@ pub trait Trajectory {
 
 /// Position and its first three derivatives.
 #[derive(Clone, Copy)]
-struct Path {
-    p: Vector3<f64>,
-    v: Vector3<f64>,
-    a: Vector3<f64>,
-    j: Vector3<f64>,
+pub(super) struct Path {
+    pub(super) p: Vector3<f64>,
+    pub(super) v: Vector3<f64>,
+    pub(super) a: Vector3<f64>,
+    pub(super) j: Vector3<f64>,
+}
+
+impl Path {
+    /// From one point to another in `over_s`, `into_s` after its beginning: at rest to jerk at both ends.
+    pub(super) fn leg(from: Vector3<f64>, to: Vector3<f64>, into_s: f64, over_s: f64) -> Self {
+        let [s, ds, dds, ddds] = smooth_step(into_s / over_s);
+        let (way, rate) = (to - from, 1.0 / over_s);
+        Self {
+            p: from + s * way,
+            v: ds * rate * way,
+            a: dds * rate.powi(2) * way,
+            j: ddds * rate.powi(3) * way,
+        }
+    }
 }
 
 /// amplitude · sin(rate · t + phase)
@@ -132,17 +146,22 @@ fn climb(climb_m: f64, period_s: f64) -> Harmonic {
 impl Trajectory for FixedWing {
     fn at(&self, t_s: f64) -> Truth {
         let path = self.path(t_s);
-        let f = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY);
         let (x, dx) = unit(&path.v, &path.a);
-        let along = f.dot(&x);
-        let d_along = path.j.dot(&x) + f.dot(&dx);
-        // Lift and its derivative: what is left of the specific force across the velocity.
-        let (up, d_up) = unit(&(f - along * x), &(path.j - d_along * x - along * dx));
-        let (z, dz) = (-up, -d_up);
-        let y = z.cross(&x);
-        let dy = dz.cross(&x) + z.cross(&dx);
-        truth(t_s, &path, [x, y, z], [dx, dy, dz])
+        coordinated(t_s, &path, x, dx)
     }
+}
+
+/// A fixed wing whose nose points along `x` (derivative `dx`) with the specific force in its plane of symmetry.
+pub(super) fn coordinated(t_s: f64, path: &Path, x: Vector3<f64>, dx: Vector3<f64>) -> Truth {
+    let f = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY);
+    let along = f.dot(&x);
+    let d_along = path.j.dot(&x) + f.dot(&dx);
+    // Lift and its derivative: what is left of the specific force across the velocity.
+    let (up, d_up) = unit(&(f - along * x), &(path.j - d_along * x - along * dx));
+    let (z, dz) = (-up, -d_up);
+    let y = z.cross(&x);
+    let dy = dz.cross(&x) + z.cross(&dx);
+    truth(t_s, path, [x, y, z], [dx, dy, dz])
 }
 
 /// A multirotor that flies a square with hovers at its corners.
@@ -197,31 +216,27 @@ impl Trajectory for Multirotor {
                 heading = ((k - 1.0 + s) * FRAC_PI_2, FRAC_PI_2 * ds / self.hover_s);
             }
         } else {
-            let leg = self.corner(k as i64 + 1) - from;
-            let [s, ds, dds, ddds] = smooth_step((into - self.hover_s) / self.leg_s);
-            let rate = 1.0 / self.leg_s;
-            path = Path {
-                p: from + s * leg,
-                v: ds * rate * leg,
-                a: dds * rate.powi(2) * leg,
-                j: ddds * rate.powi(3) * leg,
-            };
+            path = Path::leg(from, self.corner(k as i64 + 1), into - self.hover_s, self.leg_s);
         }
-        let (psi, dpsi) = if self.turns { heading } else { (0.0, 0.0) };
-        let (s, c) = psi.sin_cos();
-        let (ahead, d_ahead) = (Vector3::new(c, s, 0.0), dpsi * Vector3::new(-s, c, 0.0));
-        let f = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY);
-        let (up, d_up) = unit(&f, &path.j);
-        let (z, dz) = (-up, -d_up);
-        let (y, dy) = unit(&z.cross(&ahead), &(dz.cross(&ahead) + z.cross(&d_ahead)));
-        let x = y.cross(&z);
-        let dx = dy.cross(&z) + y.cross(&dz);
-        truth(t_s, &path, [x, y, z], [dx, dy, dz])
+        thrusting(t_s, &path, if self.turns { heading } else { (0.0, 0.0) })
     }
 }
 
+/// A multirotor whose thrust makes the path's acceleration, with a heading (rad) and its rate.
+pub(super) fn thrusting(t_s: f64, path: &Path, (psi, dpsi): (f64, f64)) -> Truth {
+    let (s, c) = psi.sin_cos();
+    let (ahead, d_ahead) = (Vector3::new(c, s, 0.0), dpsi * Vector3::new(-s, c, 0.0));
+    let f = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY);
+    let (up, d_up) = unit(&f, &path.j);
+    let (z, dz) = (-up, -d_up);
+    let (y, dy) = unit(&z.cross(&ahead), &(dz.cross(&ahead) + z.cross(&d_ahead)));
+    let x = y.cross(&z);
+    let dx = dy.cross(&z) + y.cross(&dz);
+    truth(t_s, path, [x, y, z], [dx, dy, dz])
+}
+
 /// 35τ⁴ − 84τ⁵ + 70τ⁶ − 20τ⁷ from 0 to 1 and its first three derivatives, all zero at both ends.
-fn smooth_step(tau: f64) -> [f64; 4] {
+pub(super) fn smooth_step(tau: f64) -> [f64; 4] {
     let t = tau.clamp(0.0, 1.0);
     let u = 1.0 - t;
     [
@@ -253,8 +268,43 @@ fn truth(t_s: f64, path: &Path, axes: [Vector3<f64>; 3], derivatives: [Vector3<f
     }
 }
 
+/// What every trajectory owes.
+#[cfg(test)]
+pub(super) mod testing {
+    use super::{Trajectory, so3};
+    use nalgebra::Matrix3;
+
+    /// Velocity, acceleration and body rate against central differences, and the attitude a rotation.
+    pub fn assert_derivatives(name: &str, tr: &dyn Trajectory, times: impl IntoIterator<Item = f64>) {
+        let h = 1e-5;
+        for t in times {
+            let (a, b, c) = (tr.at(t - h), tr.at(t), tr.at(t + h));
+            let v = (c.position_ned - a.position_ned) / (2.0 * h);
+            assert!((v - b.velocity_ned).norm() < 1e-6, "{name} at {t}: {v} {}", b.velocity_ned);
+            let acc = (c.velocity_ned - a.velocity_ned) / (2.0 * h);
+            assert!((acc - b.acceleration_ned).norm() < 1e-6, "{name} at {t}");
+            let w = so3::log(&(a.r_body_to_ned.transpose() * c.r_body_to_ned)) / (2.0 * h);
+            assert!((w - b.body_rate).norm() < 1e-6, "{name} at {t}: {w} {}", b.body_rate);
+            let rtr = b.r_body_to_ned.transpose() * b.r_body_to_ned;
+            assert!((rtr - Matrix3::identity()).norm() < 1e-12);
+            assert!((b.r_body_to_ned.determinant() - 1.0).abs() < 1e-12);
+        }
+    }
+
+    /// No jump of specific force or body rate at these times.
+    pub fn assert_continuous(name: &str, tr: &dyn Trajectory, times: impl IntoIterator<Item = f64>) {
+        for t in times {
+            let (a, b) = (tr.at(t - 1e-7), tr.at(t + 1e-7));
+            let force = b.acceleration_ned - a.acceleration_ned;
+            assert!(force.norm() < 1e-4, "{name} at {t}: {force}");
+            assert!((b.body_rate - a.body_rate).norm() < 1e-5, "{name} at {t}");
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::testing::{assert_continuous, assert_derivatives};
     use super::*;
 
     fn all() -> Vec<Box<dyn Trajectory>> {
@@ -269,21 +319,9 @@ mod tests {
 
     #[test]
     fn every_quantity_is_the_derivative_of_the_one_before() {
-        let h = 1e-5;
         for (i, tr) in all().iter().enumerate() {
-            for k in 0..400 {
-                let t = 0.37 * f64::from(k) + 0.011;
-                let (a, b, c) = (tr.at(t - h), tr.at(t), tr.at(t + h));
-                let v = (c.position_ned - a.position_ned) / (2.0 * h);
-                assert!((v - b.velocity_ned).norm() < 1e-6, "trajectory {i} at {t}");
-                let acc = (c.velocity_ned - a.velocity_ned) / (2.0 * h);
-                assert!((acc - b.acceleration_ned).norm() < 1e-6, "trajectory {i} at {t}");
-                let w = so3::log(&(a.r_body_to_ned.transpose() * c.r_body_to_ned)) / (2.0 * h);
-                assert!((w - b.body_rate).norm() < 1e-6, "trajectory {i} at {t}: {w} {}", b.body_rate);
-                let rtr = b.r_body_to_ned.transpose() * b.r_body_to_ned;
-                assert!((rtr - Matrix3::identity()).norm() < 1e-12);
-                assert!((b.r_body_to_ned.determinant() - 1.0).abs() < 1e-12);
-            }
+            let times = (0..400).map(|k| 0.37 * f64::from(k) + 0.011);
+            assert_derivatives(&format!("trajectory {i}"), tr.as_ref(), times);
         }
     }
 
@@ -314,10 +352,6 @@ mod tests {
 
     #[test]
     fn body_rates_are_continuous_at_the_corners() {
-        let m = Multirotor::square();
-        for t in [10.0, 25.0, 35.0, 50.0] {
-            let jump = m.at(t + 1e-7).body_rate - m.at(t - 1e-7).body_rate;
-            assert!(jump.norm() < 1e-5, "{t}: {jump}");
-        }
+        assert_continuous("square", &Multirotor::square(), [10.0, 25.0, 35.0, 50.0]);
     }
 }

@@ -29,6 +29,9 @@ pub(super) struct Pending {
     impulse_ned: Vector3<f64>,
     /// ∫ ω dt, rad.
     angle: Vector3<f64>,
+    /// ∫ ‖ω‖² dt, rad²/s, and ∫ ‖R f + g‖² dt, m²/s³: how lively it was.
+    rate_squared: f64,
+    load_squared: f64,
 }
 
 impl Pending {
@@ -36,7 +39,16 @@ impl Pending {
     pub(super) fn new(r_start: Matrix3<f64>) -> Self {
         let zero = Vector3::zeros();
         let (turn, rotation) = (Matrix3::identity(), Matrix3::zeros());
-        Self { dt: 0.0, r_start, turn, rotation, impulse_ned: zero, angle: zero }
+        Self {
+            dt: 0.0,
+            r_start,
+            turn,
+            rotation,
+            impulse_ned: zero,
+            angle: zero,
+            rate_squared: 0.0,
+            load_squared: 0.0,
+        }
     }
 
     /// One more sample.
@@ -47,12 +59,15 @@ impl Pending {
         r: &Matrix3<f64>,
         f_ned: &Vector3<f64>,
         rate: &Vector3<f64>,
+        load: f64,
     ) {
         self.dt += dt;
         self.turn *= turn;
         self.rotation += r * dt;
         self.impulse_ned += f_ned * dt;
         self.angle += rate * dt;
+        self.rate_squared += rate.norm_squared() * dt;
+        self.load_squared += load * load * dt;
     }
 
     /// P ← Φ P Φᵀ + Q.
@@ -93,6 +108,13 @@ impl Pending {
 
     fn add_noise(&self, p: &mut Covariance, s: &EskfSettings) {
         let magnetic = s.magnetic_bias_walk * super::MICRO;
+        for (at, noise, square) in
+            [(THETA, s.gyro_rate_noise, self.rate_squared), (V, s.accel_load_noise, self.load_squared)]
+        {
+            for i in at..at + 3 {
+                p[(i, i)] += noise * noise * square;
+            }
+        }
         for (at, n, density) in [
             (THETA, 3, s.gyro_noise),
             (V, 3, s.accel_noise),

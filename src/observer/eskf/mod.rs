@@ -52,6 +52,10 @@ pub struct EskfSettings {
     pub gyro_noise: f64,
     /// Accelerometer noise density, m/s²/√Hz.
     pub accel_noise: f64,
+    /// Gyro noise that comes with rotation (sampling, scale, alignment): density over angular rate, √s.
+    pub gyro_rate_noise: f64,
+    /// Accelerometer noise that comes with manoeuvres: density over the specific force beyond gravity's, √s.
+    pub accel_load_noise: f64,
     /// Random walk of the gyro bias, rad/s/√s.
     pub gyro_bias_walk: f64,
     /// Random walk of the accelerometer bias, m/s²/√s.
@@ -288,7 +292,7 @@ impl Eskf {
         {
             s.r_body_to_ned = clean;
         }
-        self.pending.add(dt, &turn, &r, &f_ned, &inertial);
+        self.pending.add(dt, &turn, &r, &f_ned, &inertial, (f_ned + gravity_ned).norm());
         if self.pending.dt >= CARRY_S {
             self.carry();
         }

@@ -8,6 +8,8 @@ fn silent() -> EskfSettings {
     EskfSettings {
         gyro_noise: 0.0,
         accel_noise: 0.0,
+        gyro_rate_noise: 0.0,
+        accel_load_noise: 0.0,
         gyro_bias_walk: 0.0,
         accel_bias_walk: 0.0,
         gyro_scale_sigma: 0.0,

@@ -1,0 +1,147 @@
+//! Gyros and accelerometers.
+
+use crate::sim::noise::{Dice, GaussMarkov, Stream};
+use crate::sim::sensors::{Environment, ImuMean};
+use crate::sim::trajectory::{Trajectory, Truth};
+use nalgebra::Vector3;
+
+/// What an IMU sample is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sampling {
+    /// The mean over the interval that ends with it (delta angles and velocities, divided by it).
+    Mean,
+    /// The value at its stamp, as in streams that are thinned.
+    Instantaneous,
+}
+
+/// Errors of an IMU.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuModel {
+    /// Time between samples, s.
+    pub period_s: f64,
+    /// Mean or instantaneous values.
+    pub sampling: Sampling,
+    /// Gyro noise density, rad/s/√Hz.
+    pub gyro_density: f64,
+    /// Accelerometer noise density, m/s²/√Hz.
+    pub accel_density: f64,
+    /// Constant gyro bias, size an axis, rad/s.
+    pub gyro_bias: Vector3<f64>,
+    /// Constant accelerometer bias, size an axis, m/s².
+    pub accel_bias: Vector3<f64>,
+    /// Bias instability of a gyro: wander on top of the constant, rad/s.
+    pub gyro_wander: GaussMarkov,
+    /// Bias instability of an accelerometer, m/s².
+    pub accel_wander: GaussMarkov,
+    /// Scale error of a gyro, size.
+    pub gyro_scale: f64,
+}
+
+impl ImuModel {
+    /// No errors, 100 Hz.
+    pub fn ideal() -> Self {
+        Self {
+            period_s: 0.01,
+            sampling: Sampling::Mean,
+            gyro_density: 0.0,
+            accel_density: 0.0,
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            gyro_wander: GaussMarkov::NONE,
+            accel_wander: GaussMarkov::NONE,
+            gyro_scale: 0.0,
+        }
+    }
+
+    /// Tactical grade: 0.003 °/s/√Hz, biases of 0.02-0.05 °/s and 0.02 m/s², wandering by 1 °/h and 10⁻³ m/s², 300 ppm.
+    pub fn tactical() -> Self {
+        Self {
+            gyro_density: 0.003f64.to_radians(),
+            accel_density: 2e-3,
+            gyro_bias: Vector3::new(0.03, 0.02, 0.05).map(f64::to_radians),
+            accel_bias: Vector3::new(0.02, 0.01, 0.02),
+            gyro_wander: GaussMarkov { sigma: (1.0f64 / 3600.0).to_radians(), correlation: 500.0 },
+            accel_wander: GaussMarkov { sigma: 1e-3, correlation: 500.0 },
+            gyro_scale: 3e-4,
+            ..Self::ideal()
+        }
+    }
+
+    /// MEMS: 0.01 °/s/√Hz, biases of 0.3-0.8 °/s and 0.05 m/s², wandering by 10 °/h and 3·10⁻³ m/s², 0.2 % of scale.
+    pub fn mems() -> Self {
+        Self {
+            gyro_density: 0.01f64.to_radians(),
+            accel_density: 3e-3,
+            gyro_bias: Vector3::new(0.5, 0.3, 0.8).map(f64::to_radians),
+            accel_bias: Vector3::new(0.05, 0.04, 0.05),
+            gyro_wander: GaussMarkov { sigma: (10.0f64 / 3600.0).to_radians(), correlation: 300.0 },
+            accel_wander: GaussMarkov { sigma: 3e-3, correlation: 300.0 },
+            gyro_scale: 2e-3,
+            ..Self::ideal()
+        }
+    }
+}
+
+/// What the IMU said, and what it should have said.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuReading {
+    /// With errors.
+    pub measured: ImuMean,
+    /// Without.
+    pub ideal: ImuMean,
+    /// The gyro bias in it, rad/s, body (constant and wander; scale and noise come on top).
+    pub gyro_bias: Vector3<f64>,
+    /// The accelerometer bias in it, m/s², body.
+    pub accel_bias: Vector3<f64>,
+    /// The scale error of the gyros in it, an axis.
+    pub gyro_scale: Vector3<f64>,
+}
+
+/// An IMU in flight.
+#[derive(Clone, Debug)]
+pub(in crate::sim) struct Imu {
+    model: ImuModel,
+    dice: Dice,
+    constant: [Vector3<f64>; 2],
+    wander: [Vector3<f64>; 2],
+    scale: Vector3<f64>,
+}
+
+impl Imu {
+    pub(in crate::sim) fn new(model: ImuModel, seed: u64) -> Self {
+        let mut dice = Dice::new(seed, Stream::Imu);
+        let constant = [dice.signed3(&model.gyro_bias), dice.signed3(&model.accel_bias)];
+        let scale = dice.signed3(&Vector3::repeat(model.gyro_scale));
+        // The wander begins at zero: where it is when the flight begins is part of the constant.
+        Self { model, dice, constant, wander: [Vector3::zeros(); 2], scale }
+    }
+
+    /// The sample of the interval that ends now; `truth` is the state now.
+    pub(in crate::sim) fn sample(
+        &mut self,
+        environment: &Environment,
+        trajectory: &dyn Trajectory,
+        from_s: f64,
+        truth: &Truth,
+    ) -> ImuReading {
+        let m = self.model;
+        let dt = truth.t_s - from_s;
+        let ideal = match m.sampling {
+            Sampling::Mean => environment.imu(trajectory, from_s, truth.t_s),
+            Sampling::Instantaneous => environment.imu_at(truth),
+        };
+        for (wander, process) in self.wander.iter_mut().zip([m.gyro_wander, m.accel_wander]) {
+            *wander = process.next3(wander, dt, &self.dice.normals());
+        }
+        let [gyro_bias, accel_bias] = [0, 1].map(|i: usize| self.constant[i] + self.wander[i]);
+        let root = dt.sqrt();
+        let gyro_noise = self.dice.normals() * (m.gyro_density / root);
+        let accel_noise = self.dice.normals() * (m.accel_density / root);
+        let scaled = ideal.angular_rate + self.scale.component_mul(&ideal.angular_rate);
+        let measured = ImuMean {
+            angular_rate: scaled + gyro_bias + gyro_noise,
+            specific_force: ideal.specific_force + accel_bias + accel_noise,
+        };
+        ImuReading { measured, ideal, gyro_bias, accel_bias, gyro_scale: self.scale }
+    }
+}
