@@ -143,6 +143,15 @@ impl Scenario {
         self
     }
 
+    /// The same flight, ended earlier, or gone on with as it ends (a fixed wing straight on or in its last turn, a multirotor standing).
+    pub fn lasting(mut self, duration_s: f64) -> Self {
+        self.duration_s = duration_s;
+        if let Motion::Wing(wing) = &mut self.motion {
+            wing.reach(duration_s);
+        }
+        self
+    }
+
     /// Whether the vehicle stands still (on the ground, or a multirotor in its hover).
     pub fn stands(&self, truth: &Truth) -> bool {
         truth.velocity_ned.norm() < 1e-3 && truth.body_rate.norm() < 1e-6

@@ -126,6 +126,13 @@ impl PlannedFlight {
         flight
     }
 
+    /// Can be flown at least until `end_s`.
+    pub(super) fn reach(&mut self, end_s: f64) {
+        if self.knots.last().is_none_or(|k| k.0 < end_s) {
+            self.integrate(end_s);
+        }
+    }
+
     /// Lays the knots to `end_s`.
     fn integrate(&mut self, end_s: f64) {
         let p = &self.plan;

@@ -113,7 +113,8 @@ impl Gnss {
         self.wander = m.wander_m.next3(&self.wander, m.period_s, &self.dice.normals());
         let (position_noise, velocity_noise) = (self.dice.normals(), self.dice.normals());
         let measured_s = now_s - m.latency_s;
-        if measured_s < 0.0 {
+        // A nanosecond before the beginning is rounding.
+        if measured_s < -1e-9 {
             return None;
         }
         let truth = trajectory.at(measured_s);
