@@ -23,13 +23,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 /// The order of the table.
-const VARIANTS: [Estimator; 5] = [
-    Estimator::Inertial,
-    Estimator::NloPrinted,
-    Estimator::Nlo,
-    Estimator::Ekf15,
-    Estimator::Shipped,
-];
+const VARIANTS: [Estimator; 5] =
+    [Estimator::Inertial, Estimator::NloPrinted, Estimator::Nlo, Estimator::Ekf15, Estimator::Shipped];
 const IMUS: [&str; 2] = ["tactical", "mems"];
 const PATHS: [&str; 3] = ["circles", "legs", "straight"];
 /// Errors are compared with their covariance this often, s, and with GNSS from here on, s.
@@ -205,10 +200,8 @@ fn fly(args: &Args, imu: &str, path: &str, seed: u64) -> Result<Vec<Flown>, Stri
     Ok(pilots
         .iter()
         .map(|p| {
-            let error = p
-                .navigator
-                .solution()
-                .map_or(f64::NAN, |s| (s.position_ned - end.position_ned).xy().norm());
+            let error =
+                p.navigator.solution().map_or(f64::NAN, |s| (s.position_ned - end.position_ned).xy().norm());
             Flown {
                 drift_percent: 100.0 * error / distance,
                 holdover: p.holdover,
@@ -293,7 +286,10 @@ fn print(rows: &[Row], json: bool) -> std::io::Result<()> {
         return writeln!(out, "{}", serde_json::json!({ "rows": rows }));
     }
     let number = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
-    writeln!(out, "Horizontal error after 600 s without GNSS, % of the distance; mean NEES of two axes (2 is honest)")?;
+    writeln!(
+        out,
+        "Horizontal error after 600 s without GNSS, % of the distance; mean NEES of two axes (2 is honest)"
+    )?;
     writeln!(
         out,
         "  {:9} {:9} {:12} {:>5} {:>8} {:>8} {:>10} {:>9} {:>9} {:>9}",

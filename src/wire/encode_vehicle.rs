@@ -338,3 +338,84 @@ fn millimetres(height_m: f64) -> Option<i32> {
 fn degrees_e7(p: &Geodetic) -> Option<[i32; 2]> {
     p.is_plausible().then(|| [p.latitude_rad, p.longitude_rad].map(|a| (a.to_degrees() * 1e7).round() as i32))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{AirspeedSample, GroundVelocity};
+    use crate::time::Span;
+
+    const TIME: ApTime = ApTime::from_micros(12_345_000);
+
+    fn messages(all: &[Sample]) -> Vec<MavMessage> {
+        let mut out = Vec::new();
+        samples(all, &mut out);
+        out
+    }
+
+    fn imu(time: ApTime) -> Sample {
+        Sample::Imu(ImuSample {
+            time,
+            angular_rate_body: Vector3::new(0.1, -0.2, 0.3),
+            specific_force_body: Vector3::new(0.5, 0.0, -9.8),
+        })
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_has_no_message() {
+        let flow = |rate: f64| {
+            Sample::Flow(FlowSample {
+                time: TIME,
+                sensor: 0,
+                interval: Span::from_millis(50),
+                rate_xy: [rate, 0.0],
+                rotation: FlowRotation::Contained,
+                quality: 1.0,
+                distance_m: None,
+            })
+        };
+        let airspeed = |airspeed_mps| Sample::Airspeed(AirspeedSample { time: TIME, airspeed_mps });
+        let pressure = |pressure_pa| Sample::Pressure(PressureSample { time: TIME, sensor: 0, pressure_pa });
+        for value in [f64::NAN, f64::INFINITY, 1e300] {
+            assert!(messages(&[flow(value), airspeed(value), pressure(value)]).is_empty(), "{value}");
+        }
+        assert_eq!(messages(&[flow(0.1), airspeed(20.0), pressure(1e5)]).len(), 3);
+        assert!(messages(&[imu(ApTime::from_micros(-1))]).is_empty());
+    }
+
+    #[test]
+    fn a_field_goes_into_the_inertial_message_of_its_time_only() {
+        let mag = Sample::Mag(MagSample { time: TIME, sensor: 0, field_body: Vector3::new(2e-5, 0.0, 4e-5) });
+        let flags = |all: &[Sample]| {
+            messages(all)
+                .iter()
+                .map(|m| {
+                    let MavMessage::HIGHRES_IMU(m) = m else { panic!("{m:?}") };
+                    (m.zmag, m.fields_updated.bits())
+                })
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(flags(&[imu(TIME), mag]), [(0.4, 0x1FF)]);
+        assert_eq!(flags(&[imu(TIME + Span::from_millis(10)), mag]), [(0.0, 0x3F)]);
+        assert!(flags(&[mag]).is_empty());
+    }
+
+    #[test]
+    fn a_course_just_below_north_is_north() {
+        let gnss = GnssSample {
+            time: TIME,
+            receiver: 0,
+            fix: GnssFix::ThreeD,
+            position: Some(Geodetic::from_degrees(63.4, 10.4, 100.0)),
+            ground_velocity: Some(GroundVelocity { speed_mps: 20.0, course_rad: -1e-6 }),
+            horizontal_accuracy_m: Some(1.5),
+            vertical_accuracy_m: None,
+            speed_accuracy_mps: None,
+            satellites: None,
+        };
+        let all = messages(&[Sample::Gnss(gnss)]);
+        let [MavMessage::GPS_RAW_INT(m)] = &all[..] else { panic!("{all:?}") };
+        assert_eq!((m.cog, m.vel, m.h_acc, m.v_acc, m.satellites_visible), (0, 2000, 1500, 0, 255));
+        assert_eq!((m.lat, m.lon, m.alt), (634_000_000, 104_000_000, 100_000));
+    }
+}
