@@ -1,200 +1,13 @@
 //! What the observers promise, on closed-form trajectories: convergence from any attitude, and going on without GNSS.
 #![allow(clippy::unwrap_used)] // a test may fail
 
-use holdover::geo::so3;
-use holdover::observer::attitude::MagneticPair;
+#[path = "support/observing.rs"]
+mod observing;
+
 use holdover::observer::*;
 use holdover::sim::*;
-use holdover::time::{ApTime, Span};
-use nalgebra::{Matrix3, Vector3};
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-
-const DT_US: i64 = 10_000;
-
-/// How a run goes.
-struct Run<'a> {
-    trajectory: &'a dyn Trajectory,
-    levels: NoiseLevels,
-    seed: u64,
-    seconds: f64,
-    /// GNSS fixes arrive this late, in IMU samples.
-    gnss_late: i64,
-    /// No GNSS from this time on.
-    outage_s: f64,
-    with_gnss_velocity: bool,
-    /// The flow bias is estimated from this time on: before, it would swallow the attitude error.
-    flow_bias_from_s: f64,
-    /// The parameters change from the first to the second here.
-    staged_s: f64,
-}
-
-impl<'a> Run<'a> {
-    fn new(trajectory: &'a dyn Trajectory, levels: NoiseLevels, seed: u64, seconds: f64) -> Self {
-        Self {
-            trajectory,
-            levels,
-            seed,
-            seconds,
-            gnss_late: 0,
-            outage_s: f64::INFINITY,
-            with_gnss_velocity: true,
-            flow_bias_from_s: f64::INFINITY,
-            staged_s: 0.0,
-        }
-    }
-}
-
-/// Errors at one IMU sample.
-#[derive(Clone, Copy)]
-struct Point {
-    t: f64,
-    /// Angle between estimate and truth, rad; π while the estimate is degenerate.
-    angle: f64,
-    yaw: f64,
-    position: Vector3<f64>,
-    velocity: Vector3<f64>,
-    bias: f64,
-}
-
-/// The first time after which the attitude error stays below a bound.
-fn settled(points: &[Point], bound_deg: f64) -> f64 {
-    points.iter().rev().find(|p| p.angle > bound_deg.to_radians()).map_or(0.0, |p| p.t)
-}
-
-fn rms(points: &[Point], from_s: f64, of: impl Fn(&Point) -> f64) -> f64 {
-    let values: Vec<f64> = points.iter().filter(|p| p.t >= from_s).map(|p| of(p).powi(2)).collect();
-    (values.iter().sum::<f64>() / values.len() as f64).sqrt()
-}
-
-enum Observer {
-    Grip(GripParams),
-    /// Parameters, whether the magnetometer replaces the flow velocity in dead reckoning, and the factor on K_P there.
-    Fusini(FusiniParams, bool, f64),
-}
-
-fn run(what: &Run, start: &Observer, then: &Observer, r_start: Matrix3<f64>) -> Vec<Point> {
-    let env = Environment::trondheim();
-    let mut noisy = Noisy::new(what.levels, what.seed);
-    let truth = what.trajectory.at(0.0);
-    let (p0, v0) = noisy.gnss(&truth);
-    let mut state = ObserverState::new(r_start, p0, v0);
-    let mut biases = FusiniBiases::default();
-    let stamp = |k: i64| ApTime::from_micros(k * DT_US);
-    let mut w = Predictor::new(
-        Scheme::InterSample,
-        Span::from_millis(800),
-        Span::from_millis(1000),
-        env.earth_rate_ned,
-    );
-    w.reset(stamp(0), &p0, &v0);
-    let mut flow = None;
-    let mut altitude = None;
-    let mut pending: Vec<(i64, FixSample)> = Vec::new();
-    let mut points = Vec::new();
-    let dt = 0.01;
-    let n = (what.seconds / dt) as i64;
-    for k in 1..=n {
-        let t = k as f64 * dt;
-        let imu = noisy.imu(&env.imu(what.trajectory, t - dt, t), dt);
-        let truth = what.trajectory.at(t);
-        let magnetic =
-            MagneticPair { field_body: noisy.magnetometer(&env, &truth), field_ned: env.magnetic_ned };
-        let gnss = t < what.outage_s;
-        let observer = if t < what.staged_s { start } else { then };
-        let report = match observer {
-            Observer::Grip(params) => {
-                let (e_p, e_v) = w
-                    .signal()
-                    .map_or_else(Default::default, |s| s.errors(&state.position_ned, &state.velocity_ned));
-                let input = GripInput {
-                    dt_s: dt,
-                    angular_rate_body: imu.angular_rate,
-                    specific_force_body: imu.specific_force,
-                    gravity_ned: env.gravity_ned(),
-                    earth_rate_ned: env.earth_rate_ned,
-                    magnetic: Some(magnetic),
-                    position_error_ned: e_p,
-                    velocity_error_ned: e_v,
-                };
-                grip::step(params, &mut state, &input).unwrap()
-            }
-            Observer::Fusini(params, use_magnetic, k_p_factor) => {
-                let input = FusiniInput {
-                    dt_s: dt,
-                    angular_rate_body: imu.angular_rate,
-                    specific_force_body: imu.specific_force,
-                    gravity_ned: env.gravity_ned(),
-                    earth_rate_ned: env.earth_rate_ned,
-                    flow_velocity_body: flow,
-                    aiding: if gnss {
-                        Aiding::Gnss(w.signal())
-                    } else {
-                        Aiding::DeadReckoning { altitude_down_m: altitude }
-                    },
-                    reference: if *use_magnetic {
-                        AttitudeReference::Magnetic(magnetic)
-                    } else {
-                        AttitudeReference::FlowVelocity
-                    },
-                    k_p_override: (!gnss).then_some(params.k_p * *k_p_factor),
-                };
-                fusini::step(params, &mut state, &mut biases, &input).unwrap()
-            }
-        };
-        w.propagate(stamp(k), &report.acceleration_ned, &state.velocity_ned);
-        if k % 20 == 0 && gnss {
-            let (p, v) = noisy.gnss(&truth);
-            let fix = FixSample::position(stamp(k), &p);
-            let fix = if what.with_gnss_velocity { fix.with_velocity(&v) } else { fix };
-            pending.push((k + what.gnss_late, fix));
-        }
-        while let Some(i) = pending.iter().position(|(due, _)| *due <= k) {
-            let (_, fix) = pending.remove(i);
-            let e = w.innovation(&fix).unwrap();
-            w.apply(&e);
-        }
-        if k % 10 == 0 {
-            let v_m = noisy.flow_velocity(&truth);
-            flow = Some(v_m);
-            altitude = Some(noisy.altitude_down(&truth));
-            if let (Observer::Fusini(params, ..), true, false, Some(now)) =
-                (observer, gnss && t >= what.flow_bias_from_s, report.gated, w.latest())
-            {
-                fusini::update_flow_bias(params, &state, &mut biases, &v_m, &now.velocity_ned, 0.1);
-            }
-        }
-        let r = state.r_body_to_ned();
-        points.push(Point {
-            t,
-            angle: r.map_or(std::f64::consts::PI, |r| so3::angle_between(&r, &truth.r_body_to_ned)),
-            yaw: r.map_or(3.0, |r| {
-                let yaw = |m: &Matrix3<f64>| so3::Euler::from_rotation(m).yaw_rad;
-                so3::wrap_pi(yaw(&r) - yaw(&truth.r_body_to_ned))
-            }),
-            position: state.position_ned - truth.position_ned,
-            velocity: state.velocity_ned - truth.velocity_ned,
-            bias: (state.gyro_bias - what.levels.gyro_bias).norm(),
-        });
-    }
-    points
-}
-
-/// A start that is wrong by `angle` about a random axis.
-fn wrong_by(truth: &Matrix3<f64>, angle_deg: f64, seed: u64) -> Matrix3<f64> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let axis = loop {
-        let v = Vector3::new(
-            rng.random_range(-1.0..1.0),
-            rng.random_range(-1.0..1.0),
-            rng.random_range(-1.0..1.0f64),
-        );
-        if (0.1..1.0).contains(&v.norm()) {
-            break v.normalize();
-        }
-    };
-    truth * so3::exp(&(axis * angle_deg.to_radians()))
-}
+use nalgebra::Vector3;
+use observing::{Observer, Run, rms, run, settled, wrong_by};
 
 fn circle() -> FixedWing {
     FixedWing::circle(300.0, 25.0, 120.0, 40.0, 70.0)
@@ -209,7 +22,7 @@ const SEEDS: u64 = 24;
 /// Starts from 40° to 180°, every other one at 180°; the worst times to the first crossing of 5° and to staying below 10°.
 fn worst_convergence(observer: &Observer, levels: NoiseLevels) -> (f64, f64) {
     let mut worst = (0.0f64, 0.0f64);
-    for trajectory in [&circle() as &dyn Trajectory, &eight()] {
+    for trajectory in [&circle() as &(dyn Trajectory + Sync), &eight()] {
         let truth = trajectory.at(0.0).r_body_to_ned;
         for seed in 0..SEEDS {
             let angle = if seed % 2 == 0 { 180.0 } else { 40.0 + 6.0 * seed as f64 };
@@ -268,7 +81,7 @@ fn grip_staged(change: impl Fn(&mut Run)) -> [f64; 3] {
     let angle = rms(&points, 120.0, |p| p.angle).to_degrees();
     let position = rms(&points, 120.0, |p| p.position.norm());
     let velocity = rms(&points, 120.0, |p| p.velocity.norm());
-    let yaw = rms(&points, 120.0, |p| p.yaw).to_degrees();
+    let yaw = rms(&points, 120.0, |p| p.euler.z).to_degrees();
     let bias = rms(&points, 120.0, |p| p.bias).to_degrees();
     println!("Grip: {angle:.3} deg (yaw {yaw:.3}), {position:.2} m, {velocity:.3} m/s, bias {bias:.4} deg/s");
     [angle, position, velocity]
@@ -294,7 +107,7 @@ fn position_alone_is_enough_for_grip() {
 }
 
 /// Two minutes of dead reckoning after two with GNSS, 20° off at the start: drift in % of distance, and RMS yaw of the last minute in °.
-fn drift(trajectory: &dyn Trajectory, levels: NoiseLevels, magnetic: bool, seed: u64) -> (f64, f64) {
+fn drift(trajectory: &(dyn Trajectory + Sync), levels: NoiseLevels, magnetic: bool, seed: u64) -> (f64, f64) {
     let flow_bias_from_s = if levels.flow_bias_mps.norm() > 0.0 { 60.0 } else { f64::INFINITY };
     let what = Run {
         outage_s: 120.0,
@@ -311,7 +124,7 @@ fn drift(trajectory: &dyn Trajectory, levels: NoiseLevels, magnetic: bool, seed:
     let altitude = rms(&points, 130.0, |p| p.position.z);
     assert!(altitude < 1.0, "the altimeter holds the vertical: {altitude} m");
     let end = points[points.len() - 1].position.xy().norm();
-    (100.0 * end / distance, rms(&points, 180.0, |p| p.yaw).to_degrees())
+    (100.0 * end / distance, rms(&points, 180.0, |p| p.euler.z).to_degrees())
 }
 
 fn cruise() -> NoiseLevels {
@@ -322,7 +135,7 @@ fn cruise() -> NoiseLevels {
 fn dead_reckoning_drifts_by_a_few_percent() {
     let straight = FixedWing::straight(25.0, 120.0, 20.0, 40.0);
     for (name, trajectory) in
-        [("circle", &circle() as &dyn Trajectory), ("straight", &straight), ("eight", &eight())]
+        [("circle", &circle() as &(dyn Trajectory + Sync)), ("straight", &straight), ("eight", &eight())]
     {
         for magnetic in [false, true] {
             let runs: Vec<(f64, f64)> = (0..6).map(|s| drift(trajectory, cruise(), magnetic, s)).collect();

@@ -21,6 +21,7 @@ use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
 use holdover::sim::trajectory::{Multirotor, Trajectory, Truth};
 use holdover::time::{ApTime, Span};
 use nalgebra::{Vector2, Vector6};
+use proptest::prelude::*;
 
 const PATCHES: &str = r#"flow.patches_deg=["11:-18:14", "12:18:14", "13:-18:-14", "14:18:-14"]"#;
 
@@ -214,4 +215,34 @@ fn a_camera_that_is_late_is_found_to_be() {
     }
     let (kept, sigma, _) = late(0.12, &["flow.delay_sigma_ms=0"]);
     assert_eq!((kept, sigma), (0.0, 0.0));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn whatever_patches_send_the_solution_is_finite_and_each_is_counted_once(
+        sent in proptest::collection::vec(
+            (8u8..17, -0.3..0.3f64, proptest::array::uniform4(proptest::num::f64::ANY), -5.0..5.0f64, any::<bool>()), 200)) {
+        let next = std::cell::Cell::new(0);
+        let flown = fly(30.0, 25.0, &FIXED, &|navigator, truth, height, t| {
+            for _ in 0..3 {
+                let (sensor, ahead, wild, rate, tame) = sent[next.get() % sent.len()];
+                next.set(next.get() + 1);
+                let good = patch(11, truth, height, at(if tame { t } else { t + ahead }));
+                let sample = if tame {
+                    FlowSample { sensor, rate_xy: [rate, -rate], ..good }
+                } else {
+                    let distance_m = Some(wild[3]);
+                    FlowSample { sensor, rate_xy: [wild[0], wild[1]], quality: wild[2], distance_m, ..good }
+                };
+                navigator.ingest(&Sample::Flow(sample));
+            }
+        });
+        let solution = flown.navigator.solution().unwrap();
+        prop_assert!((solution.position_ned.sum() + solution.velocity_ned.sum()).is_finite());
+        let tally = flown.navigator.tally();
+        let counted = tally.used(SampleKind::Flow) + tally.rejected(SampleKind::Flow).map(|(_, n)| n).sum::<u64>();
+        // What came last may still wait.
+        prop_assert!((next.get() as u64).abs_diff(counted) <= 4, "{counted} of {}", next.get());
+    }
 }

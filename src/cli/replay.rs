@@ -32,7 +32,7 @@ pub struct ReplayArgs {
     /// Withhold GNSS from A to B, seconds since the first sample, as in 600..1200; may be given several times
     #[arg(long, value_name = "A..B", value_parser = parse_interval)]
     pub outage: Vec<(f64, f64)>,
-    /// What navigates: shipped, nlo, nlo_printed or inertial
+    /// What navigates: shipped, nlo, nlo_printed, xkf, ekf15 or inertial
     #[arg(long)]
     pub estimator: Option<String>,
     /// Print one JSON object and nothing else

@@ -8,8 +8,8 @@ use crate::geo::so3::Euler;
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::settings::{
-    Estimator, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings, ObserverSettings,
-    RejoinSettings,
+    Estimator, FlowBiasSource, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings,
+    ObserverSettings, RejoinSettings,
 };
 use crate::navigator::trust::TrustSettings;
 use crate::observer::eskf::EskfSettings;
@@ -169,6 +169,9 @@ struct Observer {
     k_p: f64,
     k_i: f64,
     start_s: f64,
+    gnss_velocity: bool,
+    flow_bias: FlowBiasSource,
+    flow_bias_time_s: f64,
     holdover_k_p_factor: f64,
     holdover_k_vv: f64,
     holdover_k_xv: f64,
@@ -396,6 +399,9 @@ impl Raw {
                 k_p: o.k_p,
                 k_i: o.k_i,
                 start_s: o.start_s,
+                gnss_velocity: o.gnss_velocity,
+                flow_bias: o.flow_bias,
+                flow_bias_time_s: o.flow_bias_time_s,
                 holdover_k_p_factor: o.holdover_k_p_factor,
                 holdover_k_vv: o.holdover_k_vv,
                 holdover_k_xv: o.holdover_k_xv,

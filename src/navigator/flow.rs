@@ -3,14 +3,15 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::camera::{Distrust, FlowCalibration, FlowPatch, FlowRefusal, PatchNoise, single_patch};
-use crate::observer::FixSample;
+use crate::observer::fusini::update_flow_bias;
+use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::{FlowRotation, FlowSample};
 use crate::time::{ApTime, Span};
 
 use super::Navigator;
 use super::event::What;
 use super::latency::FlowLatency;
-use super::settings::Estimator;
+use super::settings::{Estimator, FlowBiasSource};
 use super::solution::Mode;
 use super::verdict::{Reason, Verdict};
 
@@ -37,6 +38,8 @@ pub(super) const FIRST_INTERVAL_S: f64 = 0.05;
 pub(super) struct FlowSensor {
     id: u8,
     calibration: FlowCalibration,
+    /// The velocity bias as Fusini finds it, where that is wanted instead of the calibration.
+    biases: FusiniBiases,
     trust: Result<(), Distrust>,
     latency: FlowLatency,
     pub(super) last: Option<ApTime>,
@@ -90,6 +93,7 @@ impl Navigator {
                 self.flows.push(FlowSensor {
                     id,
                     calibration: FlowCalibration::new(self.settings.flow.calibration),
+                    biases: FusiniBiases::default(),
                     trust: Err(Distrust::NotCompared),
                     latency: FlowLatency::new(self.settings.flow.delay_s, self.settings.flow.delay_sigma_s),
                     last: None,
@@ -253,18 +257,20 @@ impl Navigator {
 
     /// While aligning without a magnetometer the flow is the only horizontal direction in body axes.
     fn hold_direction(&mut self, m: &Measured, index: usize) -> Verdict {
-        let corrected = self.flows[index].calibration.correct(&m.v_xy);
+        let corrected = self.corrected(index, &m.v_xy);
         self.flow_body = Some((m.time, self.in_body(m, &corrected)));
         Verdict::Used
     }
 
     /// GNSS is there: the sensor is compared with it.
     fn compare(&mut self, m: &Measured, index: usize) -> Verdict {
-        let corrected = self.flows[index].calibration.correct(&m.v_xy);
+        let corrected = self.corrected(index, &m.v_xy);
         self.flow_body = Some((m.time, self.in_body(m, &corrected)));
         let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        self.filter_bias(m, index);
+        let lasting = self.heading_doubt(&v_gnss);
         let sensor = &mut self.flows[index];
-        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, m.interval_s);
+        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, &lasting, m.interval_s);
         let trust = sensor.calibration.trust();
         let covariance = m.noise * sensor.calibration.noise_factor();
         let changed = trust != sensor.trust;
@@ -280,6 +286,14 @@ impl Navigator {
             );
         }
         Verdict::Used
+    }
+
+    /// What the filter's own doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s².
+    fn heading_doubt(&self, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
+        let across = Vector2::new(-v_gnss.y, v_gnss.x);
+        self.kalman
+            .as_ref()
+            .map_or(Matrix2::zeros(), |_| across * across.transpose() * self.attitude_variance().z)
     }
 
     /// The velocity that GNSS gives when the flow was measured, body x and y, m/s.
@@ -298,7 +312,7 @@ impl Navigator {
             return Verdict::Rejected(Reason::Distrusted);
         }
         let covariance = m.noise * sensor.calibration.noise_factor();
-        let corrected = sensor.calibration.correct(&m.v_xy);
+        let corrected = self.corrected(index, &m.v_xy);
         let patient = sensor.outliers_s < RELOCK_S;
         if self.carries(index)
             && !self.fuse_flow(
@@ -345,7 +359,11 @@ impl Navigator {
 
     /// Whether this sensor is the one that the filter uses: the first that is trusted.
     fn carries(&self, index: usize) -> bool {
-        self.flows.iter().position(|f| f.trust.is_ok()) == Some(index)
+        self.carrier_index() == Some(index)
+    }
+
+    pub(super) fn carrier_index(&self) -> Option<usize> {
+        self.flows.iter().position(|f| f.trust.is_ok())
     }
 
     fn restart_predictor(&mut self, v_ned: &Vector3<f64>) -> Verdict {
@@ -354,6 +372,29 @@ impl Navigator {
         };
         self.predictor.reset(now, &state.position_ned, v_ned);
         Verdict::Used
+    }
+
+    /// The flow velocity as the observers are to see it, body x and y, m/s.
+    pub(super) fn corrected(&self, index: usize, v_xy: &Vector2<f64>) -> Vector2<f64> {
+        let sensor = &self.flows[index];
+        match self.settings.observer.flow_bias {
+            FlowBiasSource::Calibration => sensor.calibration.correct(v_xy),
+            FlowBiasSource::Body | FlowBiasSource::AsPrinted => v_xy - sensor.biases.flow_velocity.xy(),
+        }
+    }
+
+    /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
+    fn filter_bias(&mut self, m: &Measured, index: usize) {
+        let settled = self.modes.seconds_since_attitude(m.time) > self.settings.observer.start_s;
+        if self.settings.observer.flow_bias == FlowBiasSource::Calibration || !settled {
+            return;
+        }
+        let (Some(state), Some((_, v_ned))) = (&self.state, self.predicted(m.time)) else { return };
+        let then = ObserverState { r_hat: m.r_body_to_ned, ..*state };
+        let v_ned = Vector3::new(v_ned.x, v_ned.y, -self.height.climb_mps());
+        let v_body = self.in_body(m, &m.v_xy);
+        let biases = &mut self.flows[index].biases;
+        update_flow_bias(&self.fusini, &then, biases, &v_body, &v_ned, m.interval_s);
     }
 
     /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate; body z is weighted with the image's own

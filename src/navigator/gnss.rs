@@ -20,8 +20,8 @@ const HEIGHT_REJECTIONS_TOLD: u32 = 10;
 /// A receiver's speed is not believed better than this, m/s.
 const LEAST_SPEED_SIGMA: f64 = 0.15;
 /// Standard deviation of the velocity when a fix has set it, and when it could not, m/s.
-const AIDED_SPEED_SIGMA: f64 = 0.3;
-const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
+pub(super) const AIDED_SPEED_SIGMA: f64 = 0.3;
+pub(super) const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
 /// The latency of a fix varies by this much, s: at speed, a distance.
 const LATENCY_JITTER_S: f64 = 0.1;
 /// Vertical over horizontal accuracy of a receiver that claims none.
@@ -85,7 +85,7 @@ impl Navigator {
             }
         }
         let mut sample = FixSample::position(measured, &p).without_vertical_position();
-        if let Some((north, east)) = v {
+        if let Some((north, east)) = v.filter(|_| self.settings.observer.gnss_velocity) {
             sample = sample.with_horizontal_velocity(north, east);
         }
         let Some(innovation) = self.predictor.innovation(&sample) else { return Err(GnssFault::Untimely) };
@@ -171,7 +171,7 @@ impl Navigator {
         v: Option<(f64, f64)>,
         observer_p: Vector3<f64>,
     ) -> (Vector2<f64>, Option<Vector2<f64>>) {
-        if self.kalman.is_some()
+        if self.filtered()
             && let Some((past_p, past_v)) = self.history.motion(measured).or_else(|| self.estimate())
         {
             return ((p - past_p).xy(), v.map(|(north, east)| Vector2::new(north, east) - past_v.xy()));
@@ -207,6 +207,7 @@ impl Navigator {
             kalman.filter.reset_motion(&position, &velocity, accuracy[0], sigma_v);
             self.history.clear();
         }
+        self.rejoin_xkf(&(before + shift).xy(), e_v, accuracy);
         if let (Some(state), Some(w)) = (&mut self.state, self.predictor.latest()) {
             state.position_ned = Vector3::new(w.position_ned.x, w.position_ned.y, state.position_ned.z);
             state.velocity_ned += Vector3::new(e_v_or_zero.x, e_v_or_zero.y, 0.0);

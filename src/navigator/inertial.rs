@@ -171,13 +171,21 @@ impl Navigator {
                 self.angular_rate_body = s.angular_rate_body - filter.gyro_bias;
                 (acceleration, acceleration)
             }
-            _ => {
-                if let Some(r) = state.r_body_to_ned() {
-                    self.r_body_to_ned = r;
+            _ => match self.predict_xkf(s, dt, place) {
+                Some(second) => {
+                    self.r_body_to_ned = second.r_body_to_ned;
+                    self.angular_rate_body = s.angular_rate_body - second.gyro_bias;
+                    // The signal that is injected into the observer stays the observer's own.
+                    (second.acceleration_ned, report.acceleration_ned)
                 }
-                self.angular_rate_body = s.angular_rate_body - state.gyro_bias;
-                (self.r_body_to_ned * s.specific_force_body + place.gravity_ned, report.acceleration_ned)
-            }
+                None => {
+                    if let Some(r) = state.r_body_to_ned() {
+                        self.r_body_to_ned = r;
+                    }
+                    self.angular_rate_body = s.angular_rate_body - state.gyro_bias;
+                    (self.r_body_to_ned * s.specific_force_body + place.gravity_ned, report.acceleration_ned)
+                }
+            },
         };
         let (position_ned, velocity_ned) =
             self.estimate().unwrap_or((state.position_ned, state.velocity_ned));
@@ -227,6 +235,7 @@ impl Navigator {
         self.history.clear();
         self.predictor.clear();
         self.kalman = None;
+        self.xkf = None;
         self.flow_body = None;
         self.range = None;
         self.last_sample = None;

@@ -15,23 +15,23 @@ use super::settings::Estimator;
 use super::solution::Mode;
 
 /// Standard deviations at the start: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
-const START_TILT: f64 = 0.05;
-const START_YAW: f64 = 0.17;
-const START_VELOCITY: f64 = 0.7;
-const START_GYRO_BIAS: f64 = 0.005;
-const START_ACCEL_BIAS: f64 = 0.15;
+pub(super) const START_TILT: f64 = 0.05;
+pub(super) const START_YAW: f64 = 0.17;
+pub(super) const START_VELOCITY: f64 = 0.7;
+pub(super) const START_GYRO_BIAS: f64 = 0.005;
+pub(super) const START_ACCEL_BIAS: f64 = 0.15;
 /// The magnetometer is fused this often, s: its errors are not white.
-const MAGNETIC_PERIOD_S: f64 = 0.1;
+pub(super) const MAGNETIC_PERIOD_S: f64 = 0.1;
 /// The height is fused this often, s.
-const HEIGHT_PERIOD_S: f64 = 0.1;
+pub(super) const HEIGHT_PERIOD_S: f64 = 0.1;
 /// Standard deviation of the height filter's height as a measurement, m.
-const HEIGHT_SIGMA_M: f64 = 0.5;
+pub(super) const HEIGHT_SIGMA_M: f64 = 0.5;
 /// Trusted fixes that are gated out for this long mean that the filter is wrong, s.
-const LOCKED_OUT_S: f64 = 2.0;
+pub(super) const LOCKED_OUT_S: f64 = 2.0;
 /// Observer and filter disagree when their attitudes differ by this much, rad …
-const DISAGREEMENT: f64 = 0.35;
+pub(super) const DISAGREEMENT: f64 = 0.35;
 /// … for this long, s.
-const DISAGREEMENT_S: f64 = 5.0;
+pub(super) const DISAGREEMENT_S: f64 = 5.0;
 /// tr(RᵀR̂) above this is an angle far below that, however little orthonormal R̂ is.
 const NEARLY_THE_SAME: f64 = 2.95;
 
@@ -103,10 +103,11 @@ impl Navigator {
 
     /// Position and velocity that are published (but for the glide): the filter's where it runs, else the observer's.
     pub(super) fn estimate(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        match (&self.kalman, &self.state) {
-            (Some(k), _) => Some((k.filter.state().position_ned, k.filter.state().velocity_ned)),
-            (None, Some(s)) => Some((s.position_ned, s.velocity_ned)),
-            (None, None) => None,
+        match (&self.kalman, &self.xkf, &self.state) {
+            (Some(k), ..) => Some((k.filter.state().position_ned, k.filter.state().velocity_ned)),
+            (None, Some(x), _) => Some((x.filter.state().position_ned, x.filter.state().velocity_ned)),
+            (None, None, Some(s)) => Some((s.position_ned, s.velocity_ned)),
+            (None, None, None) => None,
         }
     }
 
@@ -218,7 +219,7 @@ impl Navigator {
             Some((_, then)) => self.lag(now, measured, &then),
             None => Lag::NONE,
         };
-        let Some(kalman) = &mut self.kalman else { return };
+        let Some(kalman) = &mut self.kalman else { return self.fuse_fix_xkf(now, e_p, e_v, accuracy) };
         let fused = kalman.filter.fuse_fix(e_p, e_v, accuracy.map(|a| a * a), &lag);
         let kinds =
             [Measured::GnssPosition, Measured::GnssPosition, Measured::GnssVelocity, Measured::GnssVelocity];
@@ -255,6 +256,9 @@ impl Navigator {
         r_body_to_ned: &Matrix3<f64>,
         covariance: &Matrix2<f64>,
     ) -> bool {
+        if self.kalman.is_none() {
+            return self.fuse_flow_xkf(now, time, flow_xy, r_body_to_ned, &covariance.diagonal());
+        }
         let past = self.history.motion(time).or_else(|| self.estimate());
         let Some((_, velocity)) = past else { return true };
         let lag = self.lag(now, time, &velocity);
@@ -278,6 +282,9 @@ impl Navigator {
     pub(super) fn move_estimate(&mut self, by: &Vector3<f64>) {
         if let Some(kalman) = &mut self.kalman {
             kalman.filter.shift_origin(&-by);
+        }
+        if let Some(stage) = &mut self.xkf {
+            stage.filter.shift_position(by);
         }
         if let Some(state) = &mut self.state {
             state.position_ned += by;

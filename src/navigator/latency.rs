@@ -1,6 +1,6 @@
 //! How old a GNSS fix, and a flow, really is.
 //!
-//! Both are found by comparing velocities while the acceleration changes: a scalar Kalman filter ([`Latency`]) over residuals whose
+//! Both are found by comparing velocities while the acceleration changes: a scalar Kalman filter (`Latency`) over residuals whose
 //! slope by the latency is known. A vehicle that never accelerates teaches it nothing, and its variance says so.
 //!
 //! **GNSS.** Over a second or two the inertial prediction follows the change of velocity between two times, the receiver that between the

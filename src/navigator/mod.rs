@@ -24,12 +24,14 @@ pub mod settings;
 pub mod solution;
 pub mod trust;
 pub mod verdict;
+mod xkf;
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
 use crate::observer::eskf::EskfState;
+use crate::observer::fusini::FlowBiasForm;
 use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
 use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
@@ -44,10 +46,11 @@ use modes::ModeState;
 use nis::NisTally;
 use patches::Gathering;
 use rest::Rest;
-use settings::{Estimator, NavigatorSettings};
+use settings::{Estimator, FlowBiasSource, NavigatorSettings};
 use solution::{Carrier, Mode, Solution};
 use trust::{GnssState, GnssTrust};
 use verdict::{Reason, Tally, Verdict};
+use xkf::SecondStage;
 
 /// How long after its last measurement an axis of the measurement signal counts as measured.
 const SIGNAL_HOLD: Span = Span::from_millis(700);
@@ -83,6 +86,8 @@ pub struct Navigator {
     state: Option<ObserverState>,
     /// The filter, once the observer has found the attitude.
     kalman: Option<Kalman>,
+    /// The second stage over the observer, for `xkf`.
+    xkf: Option<SecondStage>,
     predictor: Predictor,
     scheme: Scheme,
     history: History,
@@ -133,6 +138,19 @@ impl Navigator {
         } else {
             (tuned_grip(&settings), GripParams::start_up(), tuned_fusini(&settings))
         };
+        let (grip, grip_start) = if settings.observer.gnss_velocity {
+            (grip, grip_start)
+        } else {
+            (grip.position_only(), grip_start.position_only())
+        };
+        let fusini = FusiniParams {
+            flow_bias: match settings.observer.flow_bias {
+                FlowBiasSource::AsPrinted => FlowBiasForm::AsPrinted,
+                FlowBiasSource::Body | FlowBiasSource::Calibration => FlowBiasForm::Body,
+            },
+            flow_bias_time_constant_s: settings.observer.flow_bias_time_s,
+            ..fusini
+        };
         let scheme = if printed { Scheme::Hold } else { Scheme::InterSample };
         Self {
             grip,
@@ -142,6 +160,7 @@ impl Navigator {
             decimal_year: DEFAULT_YEAR,
             state: None,
             kalman: None,
+            xkf: None,
             predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros()),
             scheme,
             history: History::new(HISTORY_SAMPLES),
@@ -218,6 +237,9 @@ impl Navigator {
             state.position_ned -= moved;
             if let Some(kalman) = &mut self.kalman {
                 kalman.filter.shift_origin(&moved);
+            }
+            if let Some(stage) = &mut self.xkf {
+                stage.filter.shift_position(&-moved);
             }
             self.history.clear();
             self.trust.forget_track();

@@ -273,10 +273,9 @@ impl Navigator {
         let mut v = Matrix3::identity();
         // A receiver's error changes over minutes: no averaging takes it out, and it stays when the receiver goes.
         let gnss = Matrix2::identity() * self.gnss_sigma_m.powi(2) + offset_covariance(&self.offset_ned);
-        let (p_ne, v_ne) = match (self.modes.mode, &self.kalman, &self.budget, self.last_imu) {
+        let (p_ne, v_ne) = match (self.modes.mode, self.filter_covariance(), &self.budget, self.last_imu) {
             (Mode::Aligning, ..) => unknown(),
-            (_, Some(kalman), ..) => {
-                let (p, v) = (kalman.filter.position_covariance(), kalman.filter.velocity_covariance());
+            (_, Some((p, v)), ..) => {
                 (p.fixed_view::<2, 2>(0, 0) + gnss, v.fixed_view::<2, 2>(0, 0).into_owned())
             }
             (Mode::Holdover | Mode::Lost, None, Some(budget), Some(now)) => {
@@ -297,9 +296,8 @@ impl Navigator {
         if self.modes.mode == Mode::Aligning {
             return Vector3::repeat(UNKNOWN_ATTITUDE.powi(2));
         }
-        if let Some(kalman) = &self.kalman {
+        if let Some(c) = self.filter_attitude_covariance() {
             // Near level flight the rotations about north, east and down are roll, pitch and yaw turned by the heading.
-            let c = kalman.filter.attitude_covariance_ned();
             let tilt = 0.5 * (c[(0, 0)] + c[(1, 1)]);
             return Vector3::new(tilt, tilt, c[(2, 2)]);
         }

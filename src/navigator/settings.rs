@@ -19,9 +19,11 @@ pub enum Estimator {
     Shipped,
     /// The nonlinear observers, tuned.
     Nlo,
-    /// The nonlinear observers with the gains and discretisation that the papers print; the flow's errors are taken out by its
-    /// calibration as for the others, not by the printed low pass.
+    /// The nonlinear observers with the gains and discretisation that the papers print; the flow's errors are taken out as for the others,
+    /// see [`FlowBiasSource`].
     NloPrinted,
+    /// The paper's filter: an exogenous Kalman filter over the nonlinear observers (Fusini (10), (2)).
+    Xkf,
     /// The baseline: an error-state Kalman filter with attitude, position, velocity and IMU biases (15 states) and a flow bias, fed with
     /// IMU, GNSS, flow, magnetometer and height.
     Ekf15,
@@ -31,8 +33,14 @@ pub enum Estimator {
 
 impl Estimator {
     /// All, in the order they are shown.
-    pub const ALL: [Estimator; 5] =
-        [Estimator::Shipped, Estimator::Nlo, Estimator::NloPrinted, Estimator::Ekf15, Estimator::Inertial];
+    pub const ALL: [Estimator; 6] = [
+        Estimator::Shipped,
+        Estimator::Nlo,
+        Estimator::NloPrinted,
+        Estimator::Xkf,
+        Estimator::Ekf15,
+        Estimator::Inertial,
+    ];
 
     /// Its name, as in the configuration.
     pub const fn label(self) -> &'static str {
@@ -40,6 +48,7 @@ impl Estimator {
             Estimator::Shipped => "shipped",
             Estimator::Nlo => "nlo",
             Estimator::NloPrinted => "nlo_printed",
+            Estimator::Xkf => "xkf",
             Estimator::Ekf15 => "ekf15",
             Estimator::Inertial => "inertial",
         }
@@ -120,6 +129,18 @@ pub struct FlowSettings {
     pub calibration: CalibrationSettings,
 }
 
+/// What takes the flow's systematic errors out before an observer sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlowBiasSource {
+    /// The calibration against GNSS: bias, scale and misalignment. The one to use.
+    Calibration,
+    /// The low pass of Fusini, Section IV, in body axes: [`crate::observer::fusini::FlowBiasForm::Body`].
+    Body,
+    /// The same as printed: [`crate::observer::fusini::FlowBiasForm::AsPrinted`].
+    AsPrinted,
+}
+
 /// Gains of the observers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObserverSettings {
@@ -129,6 +150,12 @@ pub struct ObserverSettings {
     pub k_i: f64,
     /// The start-up gains are in force for this long after the first guess of the attitude, s.
     pub start_s: f64,
+    /// The velocity of fixes is injected, too; without, Grip's observer is that of Theorem 2.
+    pub gnss_velocity: bool,
+    /// What takes the flow's errors out.
+    pub flow_bias: FlowBiasSource,
+    /// Time constant of the low pass, s.
+    pub flow_bias_time_s: f64,
     /// Factor on K_P in holdover.
     pub holdover_k_p_factor: f64,
     /// K'_vv, 1/s.

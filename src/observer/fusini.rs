@@ -212,7 +212,7 @@ pub fn step(
     let n = params.sub_steps.max(1);
     let h = input.dt_s / f64::from(n);
     let mut aiding = input.aiding;
-    let mut report = StepReport { acceleration_ned: zero, injection_norm: None, gated: false };
+    let mut report = StepReport { acceleration_ned: zero, injection_norm: None, gated: false, signal: None };
     for _ in 0..n {
         let sub = sub_step(params, state, biases, input, &aiding, h);
         if let Aiding::Gnss(Some(signal)) = &mut aiding {
@@ -221,6 +221,9 @@ pub fn step(
         report.acceleration_ned += sub.acceleration_ned / f64::from(n);
         report.injection_norm = sub.injection_norm;
         report.gated = sub.gated;
+    }
+    if let Aiding::Gnss(signal) = aiding {
+        report.signal = signal;
     }
     if let (Some(d), Aiding::Gnss(_)) = (biases.flow_velocity_printed_ned, input.aiding) {
         biases.flow_velocity = -state.r_hat.tr_mul(&d);
@@ -284,7 +287,7 @@ fn sub_step(
     state.velocity_ned += h * (acceleration_ned + coriolis + dv);
     state.xi_ned += h * dxi - delta_r * f_body;
     state.r_hat = attitude::advance(params.discretisation, &old.r_hat, &delta_r, &body_rate, h);
-    StepReport { acceleration_ned, injection_norm, gated: gains.gated }
+    StepReport { acceleration_ned, injection_norm, gated: gains.gated, signal: None }
 }
 
 /// J of (8), or of the magnetic extension.

@@ -14,6 +14,7 @@
 pub mod attitude;
 pub mod bias;
 pub mod eskf;
+pub mod euler_model;
 pub mod fusini;
 pub mod gains;
 pub mod grip;
@@ -21,6 +22,7 @@ pub mod history;
 pub mod predictor;
 pub mod state;
 pub mod triad;
+pub mod xkf;
 
 pub use attitude::{Discretisation, Gate, MagneticPair};
 pub use fusini::{Aiding, AttitudeReference, FusiniBiases, FusiniInput, FusiniParams};
@@ -28,3 +30,4 @@ pub use gains::{DeadReckoningGains, TranslationGains};
 pub use grip::{GripInput, GripParams};
 pub use predictor::{FixSample, Innovation, Predictor, Scheme, Signal};
 pub use state::{ObserverState, StepRefusal, StepReport};
+pub use xkf::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};

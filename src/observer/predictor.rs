@@ -110,7 +110,7 @@ impl Signal {
     }
 
     /// ẇ_v = a − 2ω_e × w_v, ẇ_p = w_v over `h` seconds, by Euler; nothing for a held signal.
-    pub(super) fn advance(&mut self, h: f64, acceleration_ned: &Vector3<f64>, earth_rate_ned: &Vector3<f64>) {
+    pub fn advance(&mut self, h: f64, acceleration_ned: &Vector3<f64>, earth_rate_ned: &Vector3<f64>) {
         if self.scheme == Scheme::InterSample {
             let coriolis = -2.0 * earth_rate_ned.cross(&self.velocity_ned);
             self.position_ned += h * self.velocity_ned;
@@ -198,12 +198,22 @@ impl Predictor {
         if step <= Span::ZERO || !finite(acceleration_ned) || !finite(velocity_ned) {
             return false;
         }
-        let mut entry = Entry { stamp: now, ..last };
+        let mut signal = self.signal_at(&last);
+        signal.advance(step.seconds(), acceleration_ned, &self.earth_rate_ned);
+        self.follow(now, &signal, velocity_ned)
+    }
+
+    /// Takes w at `now` from a signal that was moved by its owner ([`Signal::advance`], [`super::StepReport::signal`]), as
+    /// [`Self::propagate`] does with its own. Returns whether it moved.
+    pub fn follow(&mut self, now: ApTime, signal: &Signal, velocity_ned: &Vector3<f64>) -> bool {
+        let Some(last) = self.now else { return false };
+        let values = [&signal.position_ned, &signal.velocity_ned, velocity_ned];
+        if now <= last.stamp || !values.into_iter().all(finite) {
+            return false;
+        }
+        let mut entry =
+            Entry { stamp: now, position_ned: signal.position_ned, velocity_ned: signal.velocity_ned };
         if self.scheme == Scheme::InterSample {
-            let coriolis = -2.0 * self.earth_rate_ned.cross(&last.velocity_ned);
-            let dt = step.seconds();
-            entry.position_ned += dt * last.velocity_ned;
-            entry.velocity_ned += dt * (acceleration_ned + coriolis);
             for axis in 0..3 {
                 if !self.is_fresh(self.measured_velocity[axis], now) {
                     entry.velocity_ned[axis] = velocity_ned[axis];
@@ -268,18 +278,19 @@ impl Predictor {
     /// The signal to inject; `None` without a state or when no axis was measured within the hold time.
     pub fn signal(&self) -> Option<Signal> {
         let now = self.now?;
-        let position_axes = self.measured_position.map(|t| self.is_fresh(t, now.stamp));
-        let velocity_axes = self.measured_velocity.map(|t| self.is_fresh(t, now.stamp));
-        if !position_axes.iter().chain(&velocity_axes).any(|&a| a) {
-            return None;
-        }
-        Some(Signal {
-            position_ned: now.position_ned,
-            velocity_ned: now.velocity_ned,
-            position_axes,
-            velocity_axes,
+        let signal = self.signal_at(&now);
+        let measured = signal.position_axes.iter().chain(&signal.velocity_axes).any(|&a| a);
+        measured.then_some(signal)
+    }
+
+    fn signal_at(&self, entry: &Entry) -> Signal {
+        Signal {
+            position_ned: entry.position_ned,
+            velocity_ned: entry.velocity_ned,
+            position_axes: self.measured_position.map(|t| self.is_fresh(t, entry.stamp)),
+            velocity_axes: self.measured_velocity.map(|t| self.is_fresh(t, entry.stamp)),
             scheme: self.scheme,
-        })
+        }
     }
 }
 

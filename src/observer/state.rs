@@ -1,5 +1,6 @@
 //! The state both observers share, and what a step returns.
 
+use super::predictor::Signal;
 use crate::geo::so3;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -62,6 +63,9 @@ pub struct StepReport {
     pub injection_norm: Option<f64>,
     /// The start-up gains were in force.
     pub gated: bool,
+    /// The measurement signal that was in the input, moved to the end of the step with every sub-step; `None` where the input has none.
+    /// For [`super::Predictor::follow`].
+    pub signal: Option<Signal>,
 }
 
 /// Why a step was refused. The state is then unchanged.

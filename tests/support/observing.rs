@@ -1,0 +1,209 @@
+//! An observer flown on closed-form truth. Shared by the tests of convergence and the `paper_observers` example.
+#![allow(dead_code, reason = "the tests and the example each use their part")]
+
+use holdover::geo::so3;
+use holdover::observer::attitude::MagneticPair;
+use holdover::observer::*;
+use holdover::sim::*;
+use holdover::time::{ApTime, Span};
+use nalgebra::{Matrix3, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const DT_US: i64 = 10_000;
+
+/// How a run goes.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    pub environment: Environment,
+    /// How fixes are injected between them.
+    pub scheme: Scheme,
+    pub trajectory: &'a (dyn Trajectory + Sync),
+    pub levels: NoiseLevels,
+    pub seed: u64,
+    pub seconds: f64,
+    /// GNSS fixes arrive this late, in IMU samples.
+    pub gnss_late: i64,
+    /// No GNSS from this time on.
+    pub outage_s: f64,
+    pub with_gnss_velocity: bool,
+    /// The flow bias is estimated from this time on: before, it would swallow the attitude error.
+    pub flow_bias_from_s: f64,
+    /// The parameters change from the first to the second here.
+    pub staged_s: f64,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(
+        trajectory: &'a (dyn Trajectory + Sync),
+        levels: NoiseLevels,
+        seed: u64,
+        seconds: f64,
+    ) -> Self {
+        Self {
+            environment: Environment::trondheim(),
+            scheme: Scheme::InterSample,
+            trajectory,
+            levels,
+            seed,
+            seconds,
+            gnss_late: 0,
+            outage_s: f64::INFINITY,
+            with_gnss_velocity: true,
+            flow_bias_from_s: f64::INFINITY,
+            staged_s: 0.0,
+        }
+    }
+}
+
+/// Errors at one IMU sample.
+#[derive(Clone, Copy)]
+pub struct Point {
+    pub t: f64,
+    /// Angle between estimate and truth, rad; π while the estimate is degenerate.
+    pub angle: f64,
+    /// Roll, pitch and yaw less the true ones, rad.
+    pub euler: Vector3<f64>,
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    /// |b̂ − b|, rad/s.
+    pub bias: f64,
+}
+
+/// The first time after which the attitude error stays below a bound.
+pub fn settled(points: &[Point], bound_deg: f64) -> f64 {
+    points.iter().rev().find(|p| p.angle > bound_deg.to_radians()).map_or(0.0, |p| p.t)
+}
+
+pub fn rms(points: &[Point], from_s: f64, of: impl Fn(&Point) -> f64) -> f64 {
+    let values: Vec<f64> = points.iter().filter(|p| p.t >= from_s).map(|p| of(p).powi(2)).collect();
+    (values.iter().sum::<f64>() / values.len() as f64).sqrt()
+}
+
+#[derive(Clone, Copy)]
+pub enum Observer {
+    Grip(GripParams),
+    /// Parameters, whether the magnetometer replaces the flow velocity in dead reckoning, and the factor on K_P there.
+    Fusini(FusiniParams, bool, f64),
+}
+
+pub fn run(what: &Run, start: &Observer, then: &Observer, r_start: Matrix3<f64>) -> Vec<Point> {
+    let env = what.environment;
+    let mut noisy = Noisy::new(what.levels, what.seed);
+    let truth = what.trajectory.at(0.0);
+    let (p0, v0) = noisy.gnss(&truth);
+    let mut state = ObserverState::new(r_start, p0, v0);
+    let mut biases = FusiniBiases::default();
+    let stamp = |k: i64| ApTime::from_micros(k * DT_US);
+    let mut w =
+        Predictor::new(what.scheme, Span::from_millis(800), Span::from_millis(1000), env.earth_rate_ned);
+    w.reset(stamp(0), &p0, &v0);
+    let mut flow = None;
+    let mut altitude = None;
+    let mut pending: Vec<(i64, FixSample)> = Vec::new();
+    let mut points = Vec::new();
+    let dt = 0.01;
+    let n = (what.seconds / dt) as i64;
+    for k in 1..=n {
+        let t = k as f64 * dt;
+        let imu = noisy.imu(&env.imu(what.trajectory, t - dt, t), dt);
+        let truth = what.trajectory.at(t);
+        let magnetic =
+            MagneticPair { field_body: noisy.magnetometer(&env, &truth), field_ned: env.magnetic_ned };
+        let gnss = t < what.outage_s;
+        let observer = if t < what.staged_s { start } else { then };
+        let report = match observer {
+            Observer::Grip(params) => {
+                let (e_p, e_v) = w
+                    .signal()
+                    .map_or_else(Default::default, |s| s.errors(&state.position_ned, &state.velocity_ned));
+                let input = GripInput {
+                    dt_s: dt,
+                    angular_rate_body: imu.angular_rate,
+                    specific_force_body: imu.specific_force,
+                    gravity_ned: env.gravity_ned(),
+                    earth_rate_ned: env.earth_rate_ned,
+                    magnetic: Some(magnetic),
+                    position_error_ned: e_p,
+                    velocity_error_ned: e_v,
+                };
+                grip::step(params, &mut state, &input).unwrap()
+            }
+            Observer::Fusini(params, use_magnetic, k_p_factor) => {
+                let input = FusiniInput {
+                    dt_s: dt,
+                    angular_rate_body: imu.angular_rate,
+                    specific_force_body: imu.specific_force,
+                    gravity_ned: env.gravity_ned(),
+                    earth_rate_ned: env.earth_rate_ned,
+                    flow_velocity_body: flow,
+                    aiding: if gnss {
+                        Aiding::Gnss(w.signal())
+                    } else {
+                        Aiding::DeadReckoning { altitude_down_m: altitude }
+                    },
+                    reference: if *use_magnetic {
+                        AttitudeReference::Magnetic(magnetic)
+                    } else {
+                        AttitudeReference::FlowVelocity
+                    },
+                    k_p_override: (!gnss).then_some(params.k_p * *k_p_factor),
+                };
+                fusini::step(params, &mut state, &mut biases, &input).unwrap()
+            }
+        };
+        w.propagate(stamp(k), &report.acceleration_ned, &state.velocity_ned);
+        if k % 20 == 0 && gnss {
+            let (p, v) = noisy.gnss(&truth);
+            let fix = FixSample::position(stamp(k), &p);
+            let fix = if what.with_gnss_velocity { fix.with_velocity(&v) } else { fix };
+            pending.push((k + what.gnss_late, fix));
+        }
+        while let Some(i) = pending.iter().position(|(due, _)| *due <= k) {
+            let (_, fix) = pending.remove(i);
+            let e = w.innovation(&fix).unwrap();
+            w.apply(&e);
+        }
+        if k % 10 == 0 {
+            let v_m = noisy.flow_velocity(&truth);
+            flow = Some(v_m);
+            altitude = Some(noisy.altitude_down(&truth));
+            if let (Observer::Fusini(params, ..), true, false, Some(now)) =
+                (observer, gnss && t >= what.flow_bias_from_s, report.gated, w.latest())
+            {
+                fusini::update_flow_bias(params, &state, &mut biases, &v_m, &now.velocity_ned, 0.1);
+            }
+        }
+        let r = state.r_body_to_ned();
+        points.push(Point {
+            t,
+            angle: r.map_or(std::f64::consts::PI, |r| so3::angle_between(&r, &truth.r_body_to_ned)),
+            euler: r.map_or(Vector3::repeat(3.0), |r| euler_error(&r, &truth.r_body_to_ned)),
+            position: state.position_ned - truth.position_ned,
+            velocity: state.velocity_ned - truth.velocity_ned,
+            bias: (state.gyro_bias - what.levels.gyro_bias).norm(),
+        });
+    }
+    points
+}
+
+fn euler_error(r: &Matrix3<f64>, truth: &Matrix3<f64>) -> Vector3<f64> {
+    let [a, b] = [r, truth].map(so3::Euler::from_rotation);
+    Vector3::new(a.roll_rad - b.roll_rad, a.pitch_rad - b.pitch_rad, a.yaw_rad - b.yaw_rad).map(so3::wrap_pi)
+}
+
+/// A start that is wrong by `angle` about a random axis.
+pub fn wrong_by(truth: &Matrix3<f64>, angle_deg: f64, seed: u64) -> Matrix3<f64> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let axis = loop {
+        let v = Vector3::new(
+            rng.random_range(-1.0..1.0),
+            rng.random_range(-1.0..1.0),
+            rng.random_range(-1.0..1.0f64),
+        );
+        if (0.1..1.0).contains(&v.norm()) {
+            break v.normalize();
+        }
+    };
+    truth * so3::exp(&(axis * angle_deg.to_radians()))
+}
