@@ -110,7 +110,7 @@ pub struct Reading {
     pub features: Option<FeatureReading>,
     /// Distance along body z, m.
     pub range_m: Option<f64>,
-    /// Airspeed, m/s.
+    /// Equivalent airspeed, m/s.
     pub airspeed_mps: Option<f64>,
     /// The same as samples, in the order in which they arrive: the IMU first.
     pub samples: Samples,
@@ -164,7 +164,7 @@ impl Simulation {
             flow: suite.flow.map(|m| Flow::new(m, seed)),
             features: suite.features.map(|m| Features::new(m, seed)),
             range: suite.range.map(|m| Range::new(m, seed)),
-            airspeed: suite.airspeed.map(|m| Airspeed::new(m, seed)),
+            airspeed: suite.airspeed.map(|m| Airspeed::new(m, seed, scenario.origin.height_m)),
             scenario,
             suite,
         }
@@ -173,6 +173,11 @@ impl Simulation {
     /// What is flown.
     pub fn scenario(&self) -> &Scenario {
         &self.scenario
+    }
+
+    /// What it is flown with.
+    pub fn suite(&self) -> &SensorSuite {
+        &self.suite
     }
 
     /// The frame of NED on the globe.

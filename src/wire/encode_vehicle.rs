@@ -10,8 +10,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::geo::{Euler, Geodetic, so3};
 use crate::sample::{
-    FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, MagSample, PressureSample, RangeDirection,
-    RangeSample, Sample,
+    Airframe, FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, MagSample, PressureSample,
+    RangeDirection, RangeSample, Sample, VehicleStatus,
 };
 use crate::time::ApTime;
 
@@ -62,24 +62,54 @@ pub fn samples<'a>(samples: impl IntoIterator<Item = &'a Sample>, out: &mut Vec<
     }
 }
 
-/// The autopilot's HEARTBEAT, armed and flying by itself.
-pub fn heartbeat(autopilot: AutopilotKind, is_fixed_wing: bool) -> MavMessage {
+/// The autopilot's HEARTBEAT.
+pub fn heartbeat(autopilot: AutopilotKind, status: &VehicleStatus) -> MavMessage {
+    let armed = status.armed == Some(true);
+    let flying = apm::MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED;
     MavMessage::HEARTBEAT(apm::HEARTBEAT_DATA {
         custom_mode: 0,
-        mavtype: if is_fixed_wing {
-            apm::MavType::MAV_TYPE_FIXED_WING
-        } else {
-            apm::MavType::MAV_TYPE_QUADROTOR
+        mavtype: match status.airframe {
+            Some(Airframe::FixedWing) => apm::MavType::MAV_TYPE_FIXED_WING,
+            Some(Airframe::Multirotor) => apm::MavType::MAV_TYPE_QUADROTOR,
+            Some(Airframe::Surface) => apm::MavType::MAV_TYPE_GROUND_ROVER,
+            None => apm::MavType::MAV_TYPE_GENERIC,
         },
         autopilot: match autopilot {
             AutopilotKind::Px4 => apm::MavAutopilot::MAV_AUTOPILOT_PX4,
             AutopilotKind::ArduPilot => apm::MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
             AutopilotKind::Other(_) => apm::MavAutopilot::MAV_AUTOPILOT_GENERIC,
         },
-        base_mode: apm::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED
-            | apm::MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED,
-        system_status: apm::MavState::MAV_STATE_ACTIVE,
+        base_mode: if armed { flying | apm::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { flying },
+        system_status: if armed { apm::MavState::MAV_STATE_ACTIVE } else { apm::MavState::MAV_STATE_STANDBY },
         mavlink_version: 3,
+    })
+}
+
+/// SYS_STATUS: which sensors there are. ArduPilot's VFR_HUD shows an estimate where there is no differential pressure.
+pub fn sensors_present(has_airspeed: bool) -> MavMessage {
+    use apm::MavSysStatusSensor as Sensor;
+    let always = Sensor::MAV_SYS_STATUS_SENSOR_3D_GYRO
+        | Sensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL
+        | Sensor::MAV_SYS_STATUS_SENSOR_GPS;
+    let pitot = Sensor::MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE;
+    let sensors = if has_airspeed { always | pitot } else { always };
+    MavMessage::SYS_STATUS(apm::SYS_STATUS_DATA {
+        onboard_control_sensors_present: sensors,
+        onboard_control_sensors_enabled: sensors,
+        onboard_control_sensors_health: sensors,
+        load: 0,
+        voltage_battery: UNKNOWN,
+        current_battery: -1,
+        drop_rate_comm: 0,
+        errors_comm: 0,
+        errors_count1: 0,
+        errors_count2: 0,
+        errors_count3: 0,
+        errors_count4: 0,
+        battery_remaining: -1,
+        onboard_control_sensors_present_extended: apm::MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_enabled_extended: apm::MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_health_extended: apm::MavSysStatusSensorExtended::empty(),
     })
 }
 
