@@ -9,6 +9,7 @@ pub struct Hops {
     start: (Vector3<f64>, f64),
     moves: Vec<Move>,
     end_s: f64,
+    drag_per_s: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +23,13 @@ struct Move {
 impl Hops {
     /// Stands at a place in NED, m, with a heading, rad.
     pub(super) fn new(position_ned: Vector3<f64>, heading_rad: f64) -> Self {
-        Self { start: (position_ned, heading_rad), moves: Vec::new(), end_s: 0.0 }
+        Self { start: (position_ned, heading_rad), moves: Vec::new(), end_s: 0.0, drag_per_s: 0.0 }
+    }
+
+    /// With this drag of its rotors, 1/s.
+    pub(super) fn with_drag(mut self, drag_per_s: f64) -> Self {
+        self.drag_per_s = drag_per_s;
+        self
     }
 
     /// Stays.
@@ -72,13 +79,13 @@ impl Trajectory for Hops {
         match self.moves[..self.moves.partition_point(|m| m.from_s <= t_s)].last() {
             None => {
                 let path = Path { p: self.start.0, v: zero, a: zero, j: zero };
-                thrusting(t_s, &path, (self.start.1, 0.0))
+                thrusting(t_s, &path, self.drag_per_s, (self.start.1, 0.0))
             }
             Some(m) => {
                 let [s, ds, ..] = smooth_step((t_s - m.from_s) / m.over_s);
                 let by = m.to.1 - m.from.1;
                 let path = Path::leg(m.from.0, m.to.0, t_s - m.from_s, m.over_s);
-                thrusting(t_s, &path, (m.from.1 + s * by, ds * by / m.over_s))
+                thrusting(t_s, &path, self.drag_per_s, (m.from.1 + s * by, ds * by / m.over_s))
             }
         }
     }

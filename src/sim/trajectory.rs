@@ -218,16 +218,17 @@ impl Trajectory for Multirotor {
         } else {
             path = Path::leg(from, self.corner(k as i64 + 1), into - self.hover_s, self.leg_s);
         }
-        thrusting(t_s, &path, if self.turns { heading } else { (0.0, 0.0) })
+        thrusting(t_s, &path, 0.0, if self.turns { heading } else { (0.0, 0.0) })
     }
 }
 
-/// A multirotor whose thrust makes the path's acceleration, with a heading (rad) and its rate.
-pub(super) fn thrusting(t_s: f64, path: &Path, (psi, dpsi): (f64, f64)) -> Truth {
+/// A multirotor whose thrust makes the path's acceleration against the drag of its rotors (1/s times the velocity, in still air), with a
+/// heading (rad) and its rate.
+pub(super) fn thrusting(t_s: f64, path: &Path, drag_per_s: f64, (psi, dpsi): (f64, f64)) -> Truth {
     let (s, c) = psi.sin_cos();
     let (ahead, d_ahead) = (Vector3::new(c, s, 0.0), dpsi * Vector3::new(-s, c, 0.0));
-    let f = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY);
-    let (up, d_up) = unit(&f, &path.j);
+    let thrust = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY) + path.v * drag_per_s;
+    let (up, d_up) = unit(&thrust, &(path.j + path.a * drag_per_s));
     let (z, dz) = (-up, -d_up);
     let (y, dy) = unit(&z.cross(&ahead), &(dz.cross(&ahead) + z.cross(&d_ahead)));
     let x = y.cross(&z);
