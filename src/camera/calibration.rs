@@ -70,6 +70,8 @@ pub struct FlowCalibration {
 
 /// Time over which residual statistics are averaged, s.
 const STATISTICS_S: f64 = 20.0;
+/// What lasts, lasts this long, s.
+const LASTING_S: f64 = 20.0;
 /// Comparison needed before a sensor is believed, s.
 const ENOUGH_S: f64 = 5.0;
 /// Residuals beyond this many sigmas teach nothing.
@@ -98,12 +100,14 @@ impl FlowCalibration {
     }
 
     /// Compares a flow velocity with the velocity that GNSS gives, both body x and y, m/s. `noise` is the covariance of the flow
-    /// velocity as the solve states it, `interval_s` the time since the last one. Returns the residual over its sigma.
+    /// velocity as the solve states it, `lasting` that of what is wrong with the comparison for some time (a heading that is not yet
+    /// known turns the GNSS velocity), `interval_s` the time since the last one. Returns the residual over its sigma.
     pub fn compare(
         &mut self,
         flow_xy: &Vector2<f64>,
         gnss_xy: &Vector2<f64>,
         noise: &Matrix2<f64>,
+        lasting: &Matrix2<f64>,
         interval_s: f64,
     ) -> f64 {
         let s = self.settings;
@@ -113,8 +117,9 @@ impl FlowCalibration {
         }
         let h = Self::jacobian(gnss_xy);
         let residual = flow_xy - gnss_xy - h * self.x;
-        let explained = noise + h * self.p * h.transpose();
-        let r = noise * self.excess.max(1.0);
+        let explained = noise + lasting + h * self.p * h.transpose();
+        // An error that lasts is in many samples the same: together they tell no more than one.
+        let r = noise * self.excess.max(1.0) + lasting * (LASTING_S / dt.max(1e-3)).max(1.0);
         let innovation_cov = r + h * self.p * h.transpose();
         let Some(inverse) = innovation_cov.try_inverse() else { return f64::INFINITY };
         let normalised = (residual.transpose() * inverse * residual)[0].max(0.0).sqrt();
@@ -210,7 +215,7 @@ mod tests {
             let v = Vector2::new(a.cos(), (0.7 * a).sin()) * speed;
             let noise = Vector2::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5));
             let flow = (v + FlowCalibration::jacobian(&v) * truth) * sign + noise;
-            c.compare(&flow, &v, &(Matrix2::identity() / 12.0), 0.05);
+            c.compare(&flow, &v, &(Matrix2::identity() / 12.0), &Matrix2::zeros(), 0.05);
         }
         c
     }
@@ -229,6 +234,23 @@ mod tests {
             let back = c.correct(&(v + FlowCalibration::jacobian(&v) * truth));
             assert!((back - v).norm() < 0.15, "{back}");
         }
+    }
+
+    #[test]
+    fn a_heading_that_is_not_known_is_not_learned_as_misalignment() {
+        let mut c = FlowCalibration::new(settings());
+        let v = Vector2::new(27.0, 0.0);
+        let turned = Vector2::new(27.0 * 0.1f64.cos(), 27.0 * 0.1f64.sin());
+        let lasting = Matrix2::new(0.0, 0.0, 0.0, (27.0f64 * 0.1).powi(2));
+        for _ in 0..100 {
+            c.compare(&v, &turned, &(Matrix2::identity() * 0.25), &lasting, 0.1);
+        }
+        assert!(c.estimate()[1].hypot(27.0 * c.estimate()[3]) < 27.0 * 0.1, "{}", c.estimate());
+        let sigma = Vector2::new(0.0, 1.0).dot(
+            &(FlowCalibration::jacobian(&v) * c.covariance() * FlowCalibration::jacobian(&v).transpose()
+                * Vector2::new(0.0, 1.0)),
+        );
+        assert!(sigma.sqrt() > 1.0, "what is not known stays unknown: {sigma}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 pub mod calibration;
 pub mod features;
+pub mod patch_table;
 pub mod refusal;
 mod robust;
 pub mod single_patch;
@@ -9,6 +10,7 @@ pub mod stacked;
 
 pub use calibration::{CalibrationSettings, Distrust, FlowCalibration};
 pub use features::{Feature, View, ground_point, interaction_matrix};
+pub use patch_table::{MAX_PATCHES, PatchCentre, PatchTable};
 pub use refusal::FlowRefusal;
 pub use single_patch::{CameraMount, FlowPatch, FlowVelocity, PatchLimits, PatchNoise};
 pub use stacked::{

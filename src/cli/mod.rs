@@ -8,6 +8,7 @@ pub mod evaluate;
 pub mod inspect;
 pub mod replay;
 pub mod run;
+pub mod simulate;
 mod table;
 
 use std::path::PathBuf;
@@ -40,6 +41,8 @@ pub enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// What is in a log, and what Holdover can do with it
     Inspect(inspect::InspectArgs),
+    /// Write the log of a simulated flight, with the truth in it
+    Simulate(simulate::SimulateArgs),
     /// Check the configuration and show what is in force
     Check(check::CheckArgs),
 }
@@ -124,6 +127,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Command::Replay(args) => replay::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
         Command::Check(args) => check::run(&args),
     }
 }

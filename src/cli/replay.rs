@@ -193,14 +193,19 @@ fn print_report(
     for (t, event) in &outcome.events {
         outln!("  {t:8.1} s  {}", event.what);
     }
-    for (id, calibration, trust) in runner.pipeline.navigator.flow_sensors() {
+    let navigator = &runner.pipeline.navigator;
+    for ((id, calibration, trust), (_, latency, sigma)) in
+        navigator.flow_sensors().zip(navigator.flow_latencies_s())
+    {
         let x = calibration.estimate();
         outln!(
-            "  flow {id}: bias {:+.2} {:+.2} m/s, scale {:+.1} %, turned {:+.1} deg: {}",
+            "  flow {id}: bias {:+.2} {:+.2} m/s, scale {:+.1} %, turned {:+.1} deg, {:.0} +- {:.0} ms late: {}",
             x[0],
             x[1],
             100.0 * x[2],
             x[3].to_degrees(),
+            1e3 * latency,
+            1e3 * sigma,
             trust.map_or_else(|why| why.reason(), |()| "trusted")
         );
     }

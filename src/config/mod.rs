@@ -163,6 +163,7 @@ fn environment(variables: &[(String, String)]) -> Environment {
         .try_parsing(true)
         .list_separator(",")
         .with_list_parse_key("link.endpoints")
+        .with_list_parse_key("flow.patches_deg")
         .source(Some(ours))
 }
 
@@ -258,6 +259,26 @@ mod tests {
         assert_eq!(s.pipeline.outbound.rate_hz, 40.0);
         assert_eq!(s.endpoints.len(), 2);
         assert_eq!(s.pipeline.navigator.gnss.delay_s, 0.02);
+    }
+
+    #[test]
+    fn patches_are_read_and_wrong_ones_named() {
+        let s = load_text("[flow]\npatches_deg = [\"1:-20:15\", \"2: 20 : 15.5\"]\n").unwrap();
+        let patches = s.pipeline.navigator.flow.patches;
+        assert_eq!(patches.iter().count(), 2);
+        let image = patches.find(2).unwrap().image;
+        assert!((image.x - 20f64.to_radians().tan()).abs() < 1e-12);
+        assert!((image.y + 15.5f64.to_radians().tan()).abs() < 1e-12);
+        for wrong in ["1", "1:2", "1:2:3:4", "300:0:0", "1:90:0", "1:0:nan", "x:0:0", "", "1:0:0\", \"1:5:5"]
+        {
+            let m = message(load_text(&format!("[flow]\npatches_deg = [\"{wrong}\"]\n")));
+            assert!(m.contains("flow.patches_deg"), "{wrong}: {m}");
+        }
+        let m = message(load_text("[flow]\npatches_deg = [1.0]\n"));
+        assert!(m.contains("flow.patches_deg"), "{m}");
+        let environment = vec![("HOLDOVER_FLOW__PATCHES_DEG".into(), "3:0:0,4:10:-10".into())];
+        let s = Settings::load(&Sources { environment, ..Sources::default() }).unwrap();
+        assert_eq!(s.pipeline.navigator.flow.patches.iter().count(), 2);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use crate::altimeter::HeightSettings;
-use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
+use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
 use crate::geo::so3::Euler;
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
@@ -78,6 +78,7 @@ struct Streams {
 #[serde(deny_unknown_fields)]
 struct Imu {
     max_gap_ms: f64,
+    samples: String,
 }
 
 #[derive(Deserialize)]
@@ -112,6 +113,7 @@ struct Gnss {
 struct Flow {
     r#use: bool,
     delay_ms: f64,
+    delay_sigma_ms: f64,
     min_quality: f64,
     rate_noise_radps: f64,
     max_tilt_deg: f64,
@@ -123,6 +125,7 @@ struct Flow {
     lever_arm_x_m: f64,
     lever_arm_y_m: f64,
     lever_arm_z_m: f64,
+    patches_deg: Vec<String>,
     bias_sigma_mps: f64,
     scale_sigma: f64,
     misalignment_sigma_deg: f64,
@@ -239,6 +242,36 @@ fn dpm(v: f64) -> f64 {
     v.to_radians() / 60.0
 }
 
+/// The steepest angle from the optical axis at which a patch can be, degrees.
+const STEEPEST_PATCH_DEG: f64 = 70.0;
+
+/// `SENSOR:RIGHT:FORWARD`, angles in degrees.
+fn patch_table(texts: &[String], mut complain: impl FnMut(String)) -> PatchTable {
+    let mut table = PatchTable::default();
+    for text in texts {
+        let mut parts = text.split(':').map(str::trim);
+        let sensor = parts.next().and_then(|p| p.parse::<u8>().ok());
+        let mut angle = || {
+            let degrees = parts.next()?.parse::<f64>().ok()?;
+            (degrees.abs() <= STEEPEST_PATCH_DEG).then_some(degrees.to_radians())
+        };
+        let (right, forward) = (angle(), angle());
+        match (sensor, right, forward, parts.next()) {
+            (Some(sensor), Some(right), Some(forward), None) => {
+                if !table.add(PatchCentre::from_angles(sensor, right, forward)) {
+                    complain(format!(
+                        "\"{text}\": the sensor id stands there twice, or there are more than {MAX_PATCHES}"
+                    ));
+                }
+            }
+            _ => complain(format!(
+                "\"{text}\" is not SENSOR:RIGHT:FORWARD, an id of 0 to 255 and two angles of at most {STEEPEST_PATCH_DEG} degrees"
+            )),
+        }
+    }
+    table
+}
+
 impl Raw {
     pub(super) fn validate(self) -> Result<Settings, ConfigError> {
         let mut problems = Vec::new();
@@ -252,6 +285,7 @@ impl Raw {
                 Err(e) => complain("link.endpoints", e.to_string()),
             }
         }
+        let patches = patch_table(&self.flow.patches_deg, |what| complain("flow.patches_deg", what));
         if self.link.reconnect_min_ms > self.link.reconnect_max_ms {
             complain("link.reconnect_min_ms", "is greater than link.reconnect_max_ms".into());
         }
@@ -296,14 +330,15 @@ impl Raw {
             },
             statustext: self.outbound.statustext,
             log_level: self.log.level.clone(),
-            pipeline: PipelineSettings { navigator: self.navigator(), outbound, profile },
+            pipeline: PipelineSettings { navigator: self.navigator(patches), outbound, profile },
         })
     }
 
-    fn navigator(&self) -> NavigatorSettings {
+    fn navigator(&self, patches: PatchTable) -> NavigatorSettings {
         let (g, o, h) = (&self.gnss, &self.observer, &self.height);
         NavigatorSettings {
             estimator: o.estimator,
+            imu_instantaneous: self.imu.samples == "instants",
             imu_max_gap_s: self.imu.max_gap_ms * 1e-3,
             magnetometer: self.magnetometer.r#use,
             magnetometer_norm_error: self.magnetometer.max_norm_error,
@@ -343,7 +378,7 @@ impl Raw {
                     consistency_rate_mps: g.consistency_rate_mps,
                 },
             },
-            flow: self.flow(),
+            flow: self.flow(patches),
             air: AirSettings {
                 enabled: self.airspeed.r#use,
                 min_mps: self.airspeed.min_mps,
@@ -379,7 +414,7 @@ impl Raw {
         }
     }
 
-    fn flow(&self) -> FlowSettings {
+    fn flow(&self, patches: PatchTable) -> FlowSettings {
         let f = &self.flow;
         let mounting = Euler {
             roll_rad: f.mount_roll_deg.to_radians(),
@@ -389,6 +424,7 @@ impl Raw {
         FlowSettings {
             enabled: f.r#use,
             delay_s: f.delay_ms * 1e-3,
+            delay_sigma_s: f.delay_sigma_ms * 1e-3,
             rate_noise_radps: f.rate_noise_radps,
             limits: PatchLimits {
                 max_tilt_rad: f.max_tilt_deg.to_radians(),
@@ -403,6 +439,7 @@ impl Raw {
                 r_body_to_camera: mounting.to_rotation().transpose(),
                 lever_arm_body: Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m),
             },
+            patches,
             calibration: CalibrationSettings {
                 bias_sigma_mps: f.bias_sigma_mps,
                 scale_sigma: f.scale_sigma,

@@ -1,5 +1,6 @@
 //! How far the solution is from the reference: errors with GNSS, and drift in outages. Nothing here reaches a filter.
 
+pub mod nees;
 pub mod outage;
 
 use nalgebra::{Matrix3, Vector3};

@@ -10,6 +10,7 @@ use crate::time::{ApTime, Span};
 
 use super::Navigator;
 use super::event::What;
+use super::latency::FlowLatency;
 use super::settings::{Estimator, FlowBiasSource};
 use super::solution::Mode;
 use super::verdict::{Reason, Verdict};
@@ -25,8 +26,12 @@ const RATE_INTERVAL_S: f64 = 0.05;
 /// How far a flow message's own distance may be from the height over ground, m, and as a part of it.
 const DISTANCE_TOLERANCE_M: f64 = 1.5;
 const DISTANCE_TOLERANCE: f64 = 0.3;
+/// Standard deviation of the height filter's climb rate, m/s.
+pub(super) const CLIMB_SIGMA_MPS: f64 = 0.3;
+/// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
+const LATENCY_STEP_S: f64 = 0.04;
 /// The interval taken for the first sample, s.
-const FIRST_INTERVAL_S: f64 = 0.05;
+pub(super) const FIRST_INTERVAL_S: f64 = 0.05;
 
 /// One flow sensor.
 #[derive(Clone, Debug)]
@@ -36,20 +41,31 @@ pub(super) struct FlowSensor {
     /// The velocity bias as Fusini finds it, where that is wanted instead of the calibration.
     biases: FusiniBiases,
     trust: Result<(), Distrust>,
-    last: Option<ApTime>,
+    latency: FlowLatency,
+    pub(super) last: Option<ApTime>,
     outliers_s: f64,
 }
 
+/// The middle of a flow's interval.
+pub(super) struct FlowMoment {
+    pub(super) time: ApTime,
+    pub(super) r_body_to_ned: Matrix3<f64>,
+    /// Mean over the interval, bias removed.
+    pub(super) rate_body: Vector3<f64>,
+}
+
 /// A flow velocity before calibration.
-struct Measured {
-    time: ApTime,
-    r_body_to_ned: Matrix3<f64>,
+pub(super) struct Measured {
+    pub(super) time: ApTime,
+    pub(super) r_body_to_ned: Matrix3<f64>,
     /// Body x and y, m/s.
-    v_xy: Vector2<f64>,
-    noise: Matrix2<f64>,
-    interval_s: f64,
+    pub(super) v_xy: Vector2<f64>,
+    pub(super) noise: Matrix2<f64>,
+    /// Body z and its variance, where the image observes it by itself.
+    pub(super) v_z: Option<(f64, f64)>,
+    pub(super) interval_s: f64,
     /// The distance came from a rangefinder.
-    ranged: bool,
+    pub(super) ranged: bool,
 }
 
 impl Navigator {
@@ -57,52 +73,103 @@ impl Navigator {
         if !self.settings.flow.enabled {
             return Verdict::Rejected(Reason::SwitchedOff);
         }
-        let index = match self.flows.iter().position(|f| f.id == s.sensor) {
-            Some(i) => i,
+        if self.settings.flow.patches.find(s.sensor).is_some() {
+            return self.patch(s);
+        }
+        let Some(index) = self.flow_sensor(s.sensor) else { return Verdict::Rejected(Reason::Redundant) };
+        let last = self.flows[index].last;
+        if last.is_some_and(|t| s.time <= t) {
+            return Verdict::Rejected(Reason::OutOfOrder);
+        }
+        let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
+        self.flow_measured(s.time, index, |navigator, delay_s| navigator.measure(s, interval_s, delay_s))
+    }
+
+    /// The place of a sensor among those that are told apart; `None` when there are too many.
+    pub(super) fn flow_sensor(&mut self, id: u8) -> Option<usize> {
+        match self.flows.iter().position(|f| f.id == id) {
+            Some(i) => Some(i),
             None if self.flows.len() < MAX_SENSORS => {
                 self.flows.push(FlowSensor {
-                    id: s.sensor,
+                    id,
                     calibration: FlowCalibration::new(self.settings.flow.calibration),
                     biases: FusiniBiases::default(),
                     trust: Err(Distrust::NotCompared),
+                    latency: FlowLatency::new(self.settings.flow.delay_s, self.settings.flow.delay_sigma_s),
                     last: None,
                     outliers_s: 0.0,
                 });
-                self.flows.len() - 1
+                Some(self.flows.len() - 1)
             }
-            None => return Verdict::Rejected(Reason::Redundant),
-        };
-        let measured = match self.measure(s, self.flows[index].last) {
-            Ok(m) => m,
+            None => None,
+        }
+    }
+
+    /// Stamps begin anew; what the sensors are worth stays known.
+    pub(super) fn forget_flow_times(&mut self) {
+        for sensor in &mut self.flows {
+            sensor.last = None;
+            sensor.latency.interrupt();
+        }
+        self.patches.clear();
+    }
+
+    /// A flow with this stamp, as `measure` evaluates it for a latency. What the velocity is for depends on the mode.
+    pub(super) fn flow_measured(
+        &mut self,
+        stamp: ApTime,
+        index: usize,
+        measure: impl Fn(&Self, f64) -> Result<Measured, Reason>,
+    ) -> Verdict {
+        let delay_s = self.flows[index].latency.latency_s();
+        let measured = match measure(self, delay_s) {
+            Ok(measured) => measured,
             Err(reason) => return Verdict::Rejected(reason),
         };
-        self.flows[index].last = Some(s.time);
+        if self.modes.mode() == Mode::Aided && self.flows[index].latency.learns() {
+            match measure(self, delay_s + LATENCY_STEP_S) {
+                Ok(earlier) => self.learn_latency(&measured, &earlier, index),
+                Err(_) => self.flows[index].latency.interrupt(),
+            }
+        }
+        self.take_flow(stamp, &measured, index)
+    }
+
+    /// How flow and GNSS differ, and how that would change if the flow were older.
+    fn learn_latency(&mut self, now: &Measured, earlier: &Measured, index: usize) {
+        let age = now.time.seconds_since(earlier.time);
+        let (Some(v_now), Some(v_earlier)) = (self.gnss_velocity(now), self.gnss_velocity(earlier)) else {
+            return;
+        };
+        if age < 0.5 * LATENCY_STEP_S {
+            return;
+        }
+        let sensor = &mut self.flows[index];
+        let residual = now.v_xy - v_now - FlowCalibration::jacobian(&v_now) * sensor.calibration.estimate();
+        let by_latency = ((earlier.v_xy - v_earlier) - (now.v_xy - v_now)) / age;
+        let variance = 0.5 * now.noise.trace() * sensor.calibration.noise_factor();
+        sensor.latency.observe(now.time, &residual, &by_latency, variance);
+    }
+
+    fn take_flow(&mut self, stamp: ApTime, measured: &Measured, index: usize) -> Verdict {
+        self.flows[index].last = Some(stamp);
         match self.modes.mode() {
-            Mode::Aligning => self.hold_direction(&measured, index),
-            Mode::Aided | Mode::Rejoining => self.compare(&measured, index),
-            Mode::Holdover | Mode::Lost => self.carry(&measured, index),
+            Mode::Aligning => self.hold_direction(measured, index),
+            Mode::Aided | Mode::Rejoining => self.compare(measured, index),
+            Mode::Holdover | Mode::Lost => self.carry(measured, index),
         }
     }
 
     /// The flow as velocity: v_x = d·(ω_flow,y − ω_y), v_y = −d·(ω_flow,x − ω_x) at the camera (spec of OPTICAL_FLOW_RAD), turned to
     /// body axes and moved to the IMU. The vertical component, which one patch does not see, is the height filter's climb rate.
-    fn measure(&self, s: &FlowSample, last: Option<ApTime>) -> Result<Measured, Reason> {
+    fn measure(&self, s: &FlowSample, interval_s: f64, delay_s: f64) -> Result<Measured, Reason> {
         let settings = &self.settings.flow;
         let [rate_x, rate_y] = s.rate_xy;
         if !(rate_x.is_finite() && rate_y.is_finite() && s.quality.is_finite()) {
             return Err(Reason::NotFinite);
         }
-        if last.is_some_and(|t| s.time <= t) {
-            return Err(Reason::OutOfOrder);
-        }
-        let end = s.time - Span::from_seconds(settings.delay_s);
-        let begin = end - s.interval;
-        let middle = end - Span::from_micros(s.interval.micros() / 2);
-        let newest = self.last_imu.ok_or(Reason::NoReferenceYet)?;
-        // A sample a little ahead of the IMU stream is as good as its newest attitude.
-        let r = self.history.attitude(middle.min(newest)).ok_or(Reason::NoReferenceYet)?;
-        let rate_body =
-            self.history.mean_rate(begin.min(newest), end.min(newest)).unwrap_or(self.angular_rate_body);
+        let FlowMoment { time, r_body_to_ned: r, rate_body } =
+            self.flow_moment(s.time, s.interval, delay_s)?;
         let mount = &settings.mount;
         let cosine = mount.cos_tilt(&r);
         let (distance_m, height_m) = self.distance(s, cosine);
@@ -140,21 +207,40 @@ impl Navigator {
         if !v_body.iter().all(|v| v.is_finite()) {
             return Err(Reason::NotFinite);
         }
-        let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
         Ok(Measured {
-            time: middle.min(newest),
+            time,
             r_body_to_ned: r,
             v_xy: v_body.xy(),
             noise: seen.covariance,
+            v_z: None,
             interval_s,
             ranged,
         })
     }
 
+    /// When a flow was really measured, and how the body stood and turned then.
+    pub(super) fn flow_moment(
+        &self,
+        stamp: ApTime,
+        interval: Span,
+        delay_s: f64,
+    ) -> Result<FlowMoment, Reason> {
+        let end = stamp - Span::from_seconds(delay_s);
+        let begin = end - interval;
+        let middle = end - Span::from_micros(interval.micros() / 2);
+        let newest = self.last_imu.ok_or(Reason::NoReferenceYet)?;
+        // A sample a little ahead of the IMU stream is as good as its newest attitude.
+        let time = middle.min(newest);
+        let r_body_to_ned = self.history.attitude(time).ok_or(Reason::NoReferenceYet)?;
+        let rate_body =
+            self.history.mean_rate(begin.min(newest), end.min(newest)).unwrap_or(self.angular_rate_body);
+        Ok(FlowMoment { time, r_body_to_ned, rate_body })
+    }
+
     /// Distance along the optical axis if it is measured, and else the height over ground. The rangefinder's own message comes with
     /// limits and is checked; the distance in the flow's message is taken only where there is no rangefinder, and where it does not
     /// contradict the height.
-    fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
+    pub(super) fn distance(&self, s: &FlowSample, cosine: f64) -> (Option<f64>, Option<f64>) {
         let height = self.height.height_m().zip(self.ground_m).map(|(height, ground)| height - ground);
         let ranged =
             self.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < self.settings.range_max_age_s);
@@ -180,14 +266,11 @@ impl Navigator {
     fn compare(&mut self, m: &Measured, index: usize) -> Verdict {
         let corrected = self.corrected(index, &m.v_xy);
         self.flow_body = Some((m.time, self.in_body(m, &corrected)));
-        let Some((_, v_ned)) = self.predicted(m.time) else {
-            return Verdict::Rejected(Reason::NoReferenceYet);
-        };
-        let v_gnss =
-            (m.r_body_to_ned.transpose() * Vector3::new(v_ned.x, v_ned.y, -self.height.climb_mps())).xy();
-        self.filter_bias(m, index, &v_ned);
+        let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        self.filter_bias(m, index);
+        let lasting = self.heading_doubt(&v_gnss);
         let sensor = &mut self.flows[index];
-        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, m.interval_s);
+        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, &lasting, m.interval_s);
         let trust = sensor.calibration.trust();
         let covariance = m.noise * sensor.calibration.noise_factor();
         let changed = trust != sensor.trust;
@@ -203,6 +286,20 @@ impl Navigator {
             );
         }
         Verdict::Used
+    }
+
+    /// What the filter's own doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s².
+    fn heading_doubt(&self, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
+        let across = Vector2::new(-v_gnss.y, v_gnss.x);
+        self.kalman
+            .as_ref()
+            .map_or(Matrix2::zeros(), |_| across * across.transpose() * self.attitude_variance().z)
+    }
+
+    /// The velocity that GNSS gives when the flow was measured, body x and y, m/s.
+    fn gnss_velocity(&self, m: &Measured) -> Option<Vector2<f64>> {
+        let (_, v_ned) = self.predicted(m.time)?;
+        Some(m.r_body_to_ned.tr_mul(&Vector3::new(v_ned.x, v_ned.y, -self.height.climb_mps())).xy())
     }
 
     /// GNSS is gone: the flow carries the velocity.
@@ -287,12 +384,12 @@ impl Navigator {
     }
 
     /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
-    fn filter_bias(&mut self, m: &Measured, index: usize, v_ned: &Vector3<f64>) {
+    fn filter_bias(&mut self, m: &Measured, index: usize) {
         let settled = self.modes.seconds_since_attitude(m.time) > self.settings.observer.start_s;
         if self.settings.observer.flow_bias == FlowBiasSource::Calibration || !settled {
             return;
         }
-        let Some(state) = &self.state else { return };
+        let (Some(state), Some((_, v_ned))) = (&self.state, self.predicted(m.time)) else { return };
         let then = ObserverState { r_hat: m.r_body_to_ned, ..*state };
         let v_ned = Vector3::new(v_ned.x, v_ned.y, -self.height.climb_mps());
         let v_body = self.in_body(m, &m.v_xy);
@@ -300,11 +397,16 @@ impl Navigator {
         update_flow_bias(&self.fusini, &then, biases, &v_body, &v_ned, m.interval_s);
     }
 
-    /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate.
+    /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate; body z is weighted with the image's own
+    /// where it observes that.
     fn in_body(&self, m: &Measured, v_xy: &Vector2<f64>) -> Vector3<f64> {
         let down = m.r_body_to_ned.row(2);
         let v_down = -self.height.climb_mps();
         let z = (v_down - down[0] * v_xy.x - down[1] * v_xy.y) / down[2].max(0.1);
+        let z = m.v_z.map_or(z, |(own, variance)| {
+            let climb = CLIMB_SIGMA_MPS * CLIMB_SIGMA_MPS;
+            (own * climb + z * variance) / (climb + variance)
+        });
         Vector3::new(v_xy.x, v_xy.y, z)
     }
 
@@ -328,6 +430,11 @@ impl Navigator {
     /// The flow sensors with their calibration [b_x, b_y, s, μ] and whether they are trusted.
     pub fn flow_sensors(&self) -> impl Iterator<Item = (u8, &FlowCalibration, Result<(), Distrust>)> {
         self.flows.iter().map(|f| (f.id, &f.calibration, f.trust))
+    }
+
+    /// The latencies of the flow sensors in force, s, with their standard deviations, by sensor id.
+    pub fn flow_latencies_s(&self) -> impl Iterator<Item = (u8, f64, f64)> {
+        self.flows.iter().map(|f| (f.id, f.latency.latency_s(), f.latency.sigma_s()))
     }
 }
 

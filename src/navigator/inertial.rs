@@ -51,8 +51,9 @@ impl Navigator {
         let Some(mut state) = self.state else {
             return Verdict::Rejected(Reason::NoReferenceYet);
         };
-        // The streams carry instantaneous values; over the interval the mean of its two ends is nearer to the truth than either.
-        let mean = self.last_sample.replace(*s).map_or(*s, |last| ImuSample {
+        // Over the interval the mean of its two ends is nearer to the truth than either instant.
+        let last = self.last_sample.replace(*s).filter(|_| self.settings.imu_instantaneous);
+        let mean = last.map_or(*s, |last| ImuSample {
             time: s.time,
             angular_rate_body: 0.5 * (last.angular_rate_body + s.angular_rate_body),
             specific_force_body: 0.5 * (last.specific_force_body + s.specific_force_body),

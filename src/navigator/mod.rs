@@ -18,6 +18,7 @@ mod kalman;
 pub mod latency;
 pub mod modes;
 pub mod nis;
+mod patches;
 mod rest;
 pub mod settings;
 pub mod solution;
@@ -43,6 +44,7 @@ use kalman::Kalman;
 use latency::LatencyEstimator;
 use modes::ModeState;
 use nis::NisTally;
+use patches::Gathering;
 use rest::Rest;
 use settings::{Estimator, FlowBiasSource, NavigatorSettings};
 use solution::{Carrier, Mode, Solution};
@@ -97,6 +99,7 @@ pub struct Navigator {
     gnss_sigma_m: f64,
     gnss_height_rejected: u32,
     flows: Vec<FlowSensor>,
+    patches: Gathering,
     /// Corrected flow velocity in body axes, for the velocity triad, and its time.
     flow_body: Option<(ApTime, Vector3<f64>)>,
     magnetic: Option<(ApTime, Vector3<f64>)>,
@@ -169,6 +172,7 @@ impl Navigator {
             gnss_sigma_m: settings.gnss.default_accuracy_m,
             gnss_height_rejected: 0,
             flows: Vec::new(),
+            patches: Gathering::new(),
             flow_body: None,
             magnetic: None,
             range: None,
@@ -198,7 +202,10 @@ impl Navigator {
     /// Takes one sample, in the order in which samples arrive; late ones are compared with the past they belong to.
     pub fn ingest(&mut self, sample: &Sample) -> Verdict {
         let verdict = match sample {
-            Sample::Imu(s) => self.imu(s),
+            Sample::Imu(s) => {
+                self.patches_waited(s.time);
+                self.imu(s)
+            }
             Sample::Mag(s) => self.mag(s),
             Sample::Gnss(s) => self.gnss(s),
             Sample::Pressure(s) => self.pressure(s),

@@ -151,6 +151,7 @@ impl Navigator {
         self.last_imu = None;
         self.magnetic = None;
         self.pressure = None;
+        self.forget_flow_times();
         self.offset_ned = Vector3::zeros();
         self.reset_counter = self.reset_counter.wrapping_add(1);
     }

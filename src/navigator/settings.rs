@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::altimeter::HeightSettings;
-use crate::camera::{CalibrationSettings, CameraMount, PatchLimits};
+use crate::camera::{CalibrationSettings, CameraMount, PatchLimits, PatchTable};
 
 use crate::observer::eskf::EskfSettings;
 
@@ -67,6 +67,8 @@ pub struct NavigatorSettings {
     pub estimator: Estimator,
     /// A longer hole in the IMU stream ends the navigation, s.
     pub imu_max_gap_s: f64,
+    /// IMU samples are values of an instant, as autopilots stream them, and not means over the interval before.
+    pub imu_instantaneous: bool,
     /// Use the magnetometer.
     pub magnetometer: bool,
     /// Largest relative deviation of the field's strength.
@@ -113,12 +115,16 @@ pub struct FlowSettings {
     pub enabled: bool,
     /// Age of a sample beyond its own stamp, s.
     pub delay_s: f64,
+    /// Its standard deviation, s; 0 keeps it.
+    pub delay_sigma_s: f64,
     /// Noise of the rate of a sample, rad/s.
     pub rate_noise_radps: f64,
     /// What is refused.
     pub limits: PatchLimits,
     /// Where and how the camera sits.
     pub mount: CameraMount,
+    /// Sensor ids that are patches of one image.
+    pub patches: PatchTable,
     /// What is known beforehand.
     pub calibration: CalibrationSettings,
 }

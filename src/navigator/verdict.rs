@@ -82,6 +82,8 @@ impl From<Distrust> for Reason {
 pub enum Verdict {
     /// It corrected or propagated the solution, or taught a calibration.
     Used,
+    /// It waits for the rest of its image, and is counted with it.
+    Waiting,
     /// It was not used.
     Rejected(Reason),
 }
@@ -98,6 +100,7 @@ impl Tally {
     pub fn count(&mut self, kind: SampleKind, verdict: Verdict) {
         match verdict {
             Verdict::Used => self.used[kind as usize] += 1,
+            Verdict::Waiting => {}
             Verdict::Rejected(reason) => *self.rejected.entry((kind, reason)).or_default() += 1,
         }
     }

@@ -7,7 +7,7 @@ use super::models::{
 };
 use super::scenario::Scenario;
 use super::trajectory::{Trajectory, Truth};
-use crate::geo::{Geodetic, LocalNed};
+use crate::geo::LocalNed;
 use crate::sample::{
     AirspeedSample, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
     RangeDirection, RangeSample, Sample,
@@ -71,6 +71,12 @@ impl SensorSuite {
     /// The same with a MEMS IMU.
     pub fn mems() -> Self {
         Self { imu: ImuModel::mems(), ..Self::tactical() }
+    }
+
+    /// What the scenario's vehicle usually has, around an IMU.
+    pub fn of(scenario: &Scenario, imu: ImuModel) -> Self {
+        let suite = Self { imu, ..Self::tactical() };
+        if scenario.is_fixed_wing() { suite } else { suite.near_the_ground() }
     }
 
     /// As a multirotor has them: a flow sensor and a rangefinder in the place of the camera.
@@ -275,11 +281,6 @@ impl Reading {
             self.airspeed_mps.map(|airspeed_mps| Sample::Airspeed(AirspeedSample { time, airspeed_mps })),
             self.gnss.filter(|g| g.is_sent).map(|g| Sample::Gnss(gnss_sample(time, &g, frame))),
         ])
-    }
-
-    /// The true position on the globe.
-    pub fn true_position(&self, frame: &LocalNed) -> Geodetic {
-        frame.to_geodetic(&self.truth.position_ned)
     }
 }
 

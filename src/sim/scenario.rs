@@ -58,6 +58,17 @@ impl Scenario {
     /// The names that [`Self::by_name`] knows.
     pub const NAMES: [&'static str; 5] = ["cessna", "circles", "legs", "straight", "square"];
 
+    /// One line that says what is flown.
+    pub fn summary(&self) -> &'static str {
+        match self.name {
+            "cessna" => "take-off, climb and two steep turns of a Cessna 172, with GNSS",
+            "circles" => "a fixed wing at 27 m/s: manoeuvres with GNSS, then circles",
+            "legs" => "a fixed wing at 27 m/s: manoeuvres with GNSS, then survey legs",
+            "straight" => "a fixed wing at 27 m/s: manoeuvres with GNSS, then straight on",
+            _ => "a quadrotor: take-off, squares with hovers, landing",
+        }
+    }
+
     /// A scenario by its name.
     pub fn by_name(name: &str) -> Option<Self> {
         match name {
@@ -150,6 +161,11 @@ impl Scenario {
             wing.reach(duration_s);
         }
         self
+    }
+
+    /// Whether a fixed wing flies it, or a multirotor.
+    pub fn is_fixed_wing(&self) -> bool {
+        matches!(self.motion, Motion::Wing(_))
     }
 
     /// Whether the vehicle stands still (on the ground, or a multirotor in its hover).

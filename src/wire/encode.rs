@@ -88,7 +88,7 @@ fn boot_usec(time: ApTime, clock: &AutopilotClock) -> Option<u64> {
     u64::try_from(clock.boot_micros(time)).ok()
 }
 
-fn float(v: f64) -> Option<f32> {
+pub(super) fn float(v: f64) -> Option<f32> {
     let f = v as f32;
     f.is_finite().then_some(f)
 }
@@ -98,7 +98,7 @@ fn floats<const N: usize>(values: &[f64; N]) -> Option<[f32; N]> {
     out.iter().all(|v| v.is_finite()).then_some(out)
 }
 
-fn triple(v: &Vector3<f64>) -> Option<[f32; 3]> {
+pub(super) fn triple(v: &Vector3<f64>) -> Option<[f32; 3]> {
     Some([float(v.x)?, float(v.y)?, float(v.z)?])
 }
 

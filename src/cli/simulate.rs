@@ -1,0 +1,293 @@
+//! `holdover simulate`: the log of a simulated flight, with the truth in it, as an autopilot's telemetry would have it.
+
+use std::fs::OpenOptions;
+use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use mavlink::dialects::ardupilotmega::MavMessage;
+use nalgebra::Vector3;
+
+use crate::sim::models::{AirspeedModel, GnssOutage, ImuModel, OutageKind, RangeModel};
+use crate::sim::{Environment, Reading, Scenario, SensorSuite, Simulation, Truth};
+use crate::wire::encode_vehicle::{self, VehicleTruth};
+use crate::wire::frame::{ComponentId, SystemId};
+use crate::wire::protocol::Address;
+use crate::wire::protocol::identity::AutopilotKind;
+use crate::wire::tlog_writer::TlogWriter;
+
+use super::Failure;
+use super::replay::parse_interval;
+
+/// Grades of IMU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ImuGrade {
+    /// 0.003 deg/s/sqrt(Hz), biases of some 0.03 deg/s that hardly move
+    Tactical,
+    /// 0.01 deg/s/sqrt(Hz), biases of some 0.5 deg/s that wander by 6 deg/h
+    Mems,
+}
+
+/// Whose messages are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Dialect {
+    /// Truth in SIM_STATE
+    Ardupilot,
+    /// Truth in HIL_STATE_QUATERNION
+    Px4,
+}
+
+/// Arguments of `simulate`.
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// What is flown: cessna, circles, legs, straight or square
+    pub scenario: String,
+    /// The log to write (.tlog)
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Errors are drawn from this; the same seed gives the same bytes
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// How good the IMU is
+    #[arg(long, value_enum, default_value = "tactical")]
+    pub imu: ImuGrade,
+    /// End earlier, or go on for longer, s
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Whose messages are written
+    #[arg(long, value_enum, default_value = "ardupilot")]
+    pub dialect: Dialect,
+    /// The receiver loses its fix from A to B, s (`replay --outage` makes outages of a good log instead)
+    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
+    pub lose_gnss: Option<(f64, f64)>,
+    /// A steady wind towards north and east, m/s, as in 4,-2
+    #[arg(long, value_name = "N,E", value_parser = parse_wind, allow_hyphen_values = true)]
+    pub wind: Option<(f64, f64)>,
+    /// Carry an airspeed sensor
+    #[arg(long)]
+    pub airspeed: bool,
+    /// Carry a rangefinder that reaches this far, m (a multirotor has one of 50 m anyway)
+    #[arg(long, value_name = "M")]
+    pub range: Option<f64>,
+    /// Carry no optical flow
+    #[arg(long)]
+    pub no_flow: bool,
+    /// Overwrite the log if it is there
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Longest flight: a day.
+const LONGEST_S: f64 = 86_400.0;
+/// Strongest wind, m/s: nothing small flies in more.
+const STRONGEST_MPS: f64 = 20.0;
+/// Farthest that DISTANCE_SENSOR can tell, m.
+const FARTHEST_M: f64 = 600.0;
+/// When the flights begin, µs since 1970: the first of January 2026, for which the simulated magnetic field holds.
+const UNIX_US: u64 = 1_767_225_600_000_000;
+/// The vehicle's id.
+const VEHICLE: Address = Address { system: SystemId(1), component: ComponentId::AUTOPILOT };
+/// Between messages that come by themselves, steps of the IMU.
+const TRUTH_EVERY: u64 = 10;
+const HEARTBEAT_EVERY: u64 = 100;
+const ORIGIN_EVERY: u64 = 3000;
+
+/// `N,E` in m/s.
+///
+/// # Errors
+/// What is wrong with the text.
+fn parse_wind(text: &str) -> Result<(f64, f64), String> {
+    let wrong = || format!("\"{text}\" is not a wind: expected N,E in m/s, up to {STRONGEST_MPS} m/s");
+    let (n, e) = text.split_once(',').ok_or_else(wrong)?;
+    let (n, e): (f64, f64) = (n.trim().parse().map_err(|_| wrong())?, e.trim().parse().map_err(|_| wrong())?);
+    if n.hypot(e) <= STRONGEST_MPS { Ok((n, e)) } else { Err(wrong()) }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`].
+pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
+    let (scenario, suite) = plan(args)?;
+    let summary = scenario.summary();
+    let (duration_s, outage) = (scenario.duration_s, scenario.outage_s);
+    let sink = create(&args.out, args.force)?;
+    let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", args.out.display()));
+    let mut recorder = Recorder::new(Simulation::new(scenario, suite, args.seed), args.dialect, sink);
+    let bar = progress_bar(duration_s);
+    while let Some(t_s) = recorder.step().map_err(named)? {
+        bar.set_position(t_s as u64);
+    }
+    recorder.log.finish().map_err(named)?;
+    bar.finish_and_clear();
+    let path = args.out.display();
+    outln!("{path}: {summary}");
+    outln!(
+        "  {duration_s:.1} s, {} messages, {:.1} MB, seed {}",
+        recorder.log.count(),
+        recorder.log.bytes() as f64 * 1e-6,
+        args.seed
+    );
+    if let (Some((from, to)), None) = (outage.filter(|o| o.0 < duration_s), args.lose_gnss) {
+        outln!("  GNSS is good throughout; take it away with: holdover replay {path} --outage {from}..{to}");
+    }
+    Ok(())
+}
+
+/// The scenario and the sensors that the arguments ask for.
+fn plan(args: &SimulateArgs) -> Result<(Scenario, SensorSuite), Failure> {
+    let mut scenario = Scenario::by_name(&args.scenario).ok_or_else(|| {
+        let known = Scenario::NAMES.join(", ");
+        Failure::Usage(format!("there is no scenario \"{}\"; there are: {known}", args.scenario))
+    })?;
+    if let Some(duration_s) = args.duration {
+        if !(1.0..=LONGEST_S).contains(&duration_s) {
+            return Err(Failure::Usage(format!(
+                "a flight of {duration_s} s: expected --duration from 1 to {LONGEST_S}"
+            )));
+        }
+        scenario = scenario.lasting(duration_s);
+    }
+    if let Some((north, east)) = args.wind {
+        scenario = scenario.with_wind(Vector3::new(north, east, 0.0));
+    }
+    let imu = match args.imu {
+        ImuGrade::Tactical => ImuModel::tactical(),
+        ImuGrade::Mems => ImuModel::mems(),
+    };
+    let mut suite = SensorSuite::of(&scenario, imu);
+    if let (Some((from_s, to_s)), Some(gnss)) = (args.lose_gnss, &mut suite.gnss) {
+        gnss.outage = Some(GnssOutage { from_s, to_s, kind: OutageKind::NoFix });
+    }
+    if let Some(reach_m) = args.range {
+        if !(1.0..=FARTHEST_M).contains(&reach_m) {
+            return Err(Failure::Usage(format!(
+                "a rangefinder of {reach_m} m: expected --range from 1 to {FARTHEST_M}"
+            )));
+        }
+        suite.range = Some(RangeModel { limits_m: [0.1, reach_m], ..RangeModel::lidar() });
+    }
+    if args.airspeed {
+        suite.airspeed = Some(AirspeedModel::pitot());
+    }
+    if args.no_flow {
+        suite.flow = None;
+    }
+    Ok((scenario, suite))
+}
+
+/// Opens the log to write.
+fn create(path: &Path, force: bool) -> Result<impl Write + use<>, Failure> {
+    if path.is_dir() {
+        return Err(Failure::Usage(format!("{}: this is a directory; --out names the log", path.display())));
+    }
+    let mut options = OpenOptions::new();
+    options.write(true);
+    if force {
+        options.create(true).truncate(true)
+    } else {
+        options.create_new(true)
+    };
+    match options.open(path) {
+        Ok(file) => Ok(BufWriter::with_capacity(1 << 18, file)),
+        Err(e) if e.kind() == ErrorKind::AlreadyExists && !force => {
+            Err(Failure::Usage(format!("{}: is there already; --force overwrites it", path.display())))
+        }
+        Err(e) => Err(Failure::Other(format!("{}: {e}", path.display()))),
+    }
+}
+
+fn progress_bar(duration_s: f64) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{bar:40} {percent}% {pos} of {len} s flown, {eta} left");
+    ProgressBar::new(duration_s as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// Writes a flight as its autopilot would have sent it.
+struct Recorder<W> {
+    simulation: Simulation,
+    autopilot: AutopilotKind,
+    log: TlogWriter<W>,
+    steps: u64,
+    /// Of one step; kept for its memory.
+    messages: Vec<MavMessage>,
+}
+
+impl<W: Write> Recorder<W> {
+    fn new(simulation: Simulation, dialect: Dialect, sink: W) -> Self {
+        let autopilot = match dialect {
+            Dialect::Ardupilot => AutopilotKind::ArduPilot,
+            Dialect::Px4 => AutopilotKind::Px4,
+        };
+        let log = TlogWriter::new(sink, VEHICLE);
+        Self { simulation, autopilot, log, steps: 0, messages: Vec::with_capacity(16) }
+    }
+
+    /// Writes the messages of one IMU step, the first time those of the beginning before. Its time, s; `None` when the flight is over.
+    fn step(&mut self) -> std::io::Result<Option<f64>> {
+        if self.steps == 0 {
+            self.announce(0.0);
+            // So that time 0 of the log is that of the flight.
+            let start = self.simulation.truth(0.0);
+            self.messages.extend(self.truth(&start));
+            self.write(0.0)?;
+        }
+        let Some(reading) = self.simulation.next() else { return Ok(None) };
+        self.steps += 1;
+        self.messages_of(&reading);
+        self.write(reading.t_s)?;
+        Ok(Some(reading.t_s))
+    }
+
+    /// Who and when.
+    fn announce(&mut self, t_s: f64) {
+        let time = Simulation::ap_time(t_s);
+        self.messages
+            .push(encode_vehicle::heartbeat(self.autopilot, self.simulation.scenario().is_fixed_wing()));
+        self.messages.extend(encode_vehicle::system_time(time, unix_us(t_s)));
+    }
+
+    fn messages_of(&mut self, reading: &Reading) {
+        encode_vehicle::samples(reading.samples.iter(), &mut self.messages);
+        // The truth comes after the IMU sample whose time it takes.
+        if self.steps.is_multiple_of(TRUTH_EVERY) {
+            self.messages.extend(self.truth(&reading.truth));
+        }
+        if self.steps.is_multiple_of(HEARTBEAT_EVERY) {
+            self.announce(reading.t_s);
+        }
+        if self.steps.is_multiple_of(ORIGIN_EVERY) || self.steps == HEARTBEAT_EVERY {
+            let origin = self.simulation.scenario().origin;
+            self.messages.extend(encode_vehicle::origin(reading.time, &origin));
+        }
+    }
+
+    fn truth(&self, truth: &Truth) -> Option<MavMessage> {
+        let world: &Environment = &self.simulation.scenario().environment;
+        let felt = world.imu_at(truth);
+        let truth = VehicleTruth {
+            time: Simulation::ap_time(truth.t_s),
+            r_body_to_ned: truth.r_body_to_ned,
+            position: self.simulation.frame().to_geodetic(&truth.position_ned),
+            velocity_ned: truth.velocity_ned,
+            angular_rate_body: felt.angular_rate,
+            specific_force_body: felt.specific_force,
+        };
+        encode_vehicle::truth(self.autopilot, &truth)
+    }
+
+    fn write(&mut self, t_s: f64) -> std::io::Result<()> {
+        for message in self.messages.drain(..) {
+            self.log.write(unix_us(t_s), &message)?;
+        }
+        Ok(())
+    }
+}
+
+/// Microseconds since 1970 of a time of the flight.
+fn unix_us(t_s: f64) -> u64 {
+    UNIX_US + (t_s * 1e6).round() as u64
+}

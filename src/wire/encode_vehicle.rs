@@ -1,0 +1,340 @@
+//! What an autopilot sends: samples, truth and its own announcements as MAVLink. The inverse of [`super::decode`], for logs of
+//! simulated flights.
+//!
+//! Stamps are microseconds or milliseconds since boot. A sample that holds a number which is not finite, or lies before the boot, has no
+//! message.
+
+use mavlink::dialects::ardupilotmega as apm;
+use mavlink::dialects::ardupilotmega::MavMessage;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::geo::{Euler, Geodetic, so3};
+use crate::sample::{
+    FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, MagSample, PressureSample, RangeDirection,
+    RangeSample, Sample,
+};
+use crate::time::ApTime;
+
+use super::encode::{float, triple};
+use super::protocol::identity::AutopilotKind;
+
+const GAUSS_PER_TESLA: f64 = 1e4;
+/// "Not known" in fields of 16 bits.
+const UNKNOWN: u16 = u16::MAX;
+
+/// The true state of a simulated vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VehicleTruth {
+    /// When.
+    pub time: ApTime,
+    /// Attitude.
+    pub r_body_to_ned: Matrix3<f64>,
+    /// Place; height above mean sea level.
+    pub position: Geodetic,
+    /// Velocity, m/s.
+    pub velocity_ned: Vector3<f64>,
+    /// Angular rate, body axes, rad/s.
+    pub angular_rate_body: Vector3<f64>,
+    /// Specific force, body axes, m/s².
+    pub specific_force_body: Vector3<f64>,
+}
+
+/// Appends the messages of samples that arrive together. A magnetometer sample goes into the HIGHRES_IMU before it, if they have one
+/// time; alone it has no message, and neither has a landmark. Of a flow without rotation (`Removed`) the sensor's gyro reads zero.
+pub fn samples<'a>(samples: impl IntoIterator<Item = &'a Sample>, out: &mut Vec<MavMessage>) {
+    for sample in samples {
+        let message = match sample {
+            Sample::Imu(s) => highres_imu(s),
+            Sample::Mag(s) => {
+                if let Some(MavMessage::HIGHRES_IMU(imu)) = out.last_mut() {
+                    add_field(imu, s);
+                }
+                None
+            }
+            Sample::Gnss(s) => gps_raw_int(s),
+            Sample::Pressure(s) => scaled_pressure(s),
+            Sample::Flow(s) => optical_flow_rad(s),
+            Sample::Range(s) => distance_sensor(s),
+            Sample::Airspeed(s) => vfr_hud(s.airspeed_mps),
+            Sample::Landmark(_) => None,
+        };
+        out.extend(message);
+    }
+}
+
+/// The autopilot's HEARTBEAT, armed and flying by itself.
+pub fn heartbeat(autopilot: AutopilotKind, is_fixed_wing: bool) -> MavMessage {
+    MavMessage::HEARTBEAT(apm::HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype: if is_fixed_wing {
+            apm::MavType::MAV_TYPE_FIXED_WING
+        } else {
+            apm::MavType::MAV_TYPE_QUADROTOR
+        },
+        autopilot: match autopilot {
+            AutopilotKind::Px4 => apm::MavAutopilot::MAV_AUTOPILOT_PX4,
+            AutopilotKind::ArduPilot => apm::MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            AutopilotKind::Other(_) => apm::MavAutopilot::MAV_AUTOPILOT_GENERIC,
+        },
+        base_mode: apm::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED
+            | apm::MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED,
+        system_status: apm::MavState::MAV_STATE_ACTIVE,
+        mavlink_version: 3,
+    })
+}
+
+/// SYSTEM_TIME: what microseconds since 1970 a time is.
+pub fn system_time(time: ApTime, unix_us: u64) -> Option<MavMessage> {
+    let time_boot_ms = boot_ms(time)?;
+    Some(MavMessage::SYSTEM_TIME(apm::SYSTEM_TIME_DATA { time_unix_usec: unix_us, time_boot_ms }))
+}
+
+/// GPS_GLOBAL_ORIGIN: where the autopilot's local frame lies.
+pub fn origin(time: ApTime, origin: &Geodetic) -> Option<MavMessage> {
+    let [latitude, longitude] = degrees_e7(origin)?;
+    Some(MavMessage::GPS_GLOBAL_ORIGIN(apm::GPS_GLOBAL_ORIGIN_DATA {
+        latitude,
+        longitude,
+        altitude: millimetres(origin.height_m)?,
+        time_usec: boot_usec(time)?,
+    }))
+}
+
+/// The truth in the message that this autopilot's simulation sends: HIL_STATE_QUATERNION (PX4) or SIM_STATE, which carries no time
+/// and holds for the newest stamp of the stream.
+pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
+    let q = so3::to_quaternion(&t.r_body_to_ned);
+    let [q1, q2, q3, q4] = [float(q.x)?, float(q.y)?, float(q.z)?, float(q.w)?];
+    let [lat, lon] = degrees_e7(&t.position)?;
+    let [xgyro, ygyro, zgyro] = triple(&t.angular_rate_body)?;
+    if autopilot == AutopilotKind::Px4 {
+        let [vx, vy, vz] = shorts(&(t.velocity_ned * 100.0))?;
+        let [xacc, yacc, zacc] = shorts(&(t.specific_force_body * (1000.0 / 9.806_65)))?;
+        return Some(MavMessage::HIL_STATE_QUATERNION(apm::HIL_STATE_QUATERNION_DATA {
+            time_usec: boot_usec(t.time)?,
+            attitude_quaternion: [q1, q2, q3, q4],
+            rollspeed: xgyro,
+            pitchspeed: ygyro,
+            yawspeed: zgyro,
+            lat,
+            lon,
+            alt: millimetres(t.position.height_m)?,
+            vx,
+            vy,
+            vz,
+            ind_airspeed: UNKNOWN,
+            true_airspeed: UNKNOWN,
+            xacc,
+            yacc,
+            zacc,
+        }));
+    }
+    let euler = Euler::from_rotation(&t.r_body_to_ned);
+    let [vn, ve, vd] = triple(&t.velocity_ned)?;
+    let [xacc, yacc, zacc] = triple(&t.specific_force_body)?;
+    Some(MavMessage::SIM_STATE(apm::SIM_STATE_DATA {
+        q1,
+        q2,
+        q3,
+        q4,
+        roll: float(euler.roll_rad)?,
+        pitch: float(euler.pitch_rad)?,
+        yaw: float(euler.yaw_rad)?,
+        xacc,
+        yacc,
+        zacc,
+        xgyro,
+        ygyro,
+        zgyro,
+        lat: float(t.position.latitude_rad.to_degrees())?,
+        lon: float(t.position.longitude_rad.to_degrees())?,
+        alt: float(t.position.height_m)?,
+        std_dev_horz: 0.0,
+        std_dev_vert: 0.0,
+        vn,
+        ve,
+        vd,
+        lat_int: lat,
+        lon_int: lon,
+    }))
+}
+
+fn highres_imu(s: &ImuSample) -> Option<MavMessage> {
+    let [xgyro, ygyro, zgyro] = triple(&s.angular_rate_body)?;
+    let [xacc, yacc, zacc] = triple(&s.specific_force_body)?;
+    use apm::HighresImuUpdatedFlags as Flag;
+    Some(MavMessage::HIGHRES_IMU(apm::HIGHRES_IMU_DATA {
+        time_usec: boot_usec(s.time)?,
+        xacc,
+        yacc,
+        zacc,
+        xgyro,
+        ygyro,
+        zgyro,
+        xmag: 0.0,
+        ymag: 0.0,
+        zmag: 0.0,
+        abs_pressure: 0.0,
+        diff_pressure: 0.0,
+        pressure_alt: 0.0,
+        temperature: 0.0,
+        fields_updated: Flag::HIGHRES_IMU_UPDATED_XACC
+            | Flag::HIGHRES_IMU_UPDATED_YACC
+            | Flag::HIGHRES_IMU_UPDATED_ZACC
+            | Flag::HIGHRES_IMU_UPDATED_XGYRO
+            | Flag::HIGHRES_IMU_UPDATED_YGYRO
+            | Flag::HIGHRES_IMU_UPDATED_ZGYRO,
+        id: 0,
+    }))
+}
+
+fn add_field(imu: &mut apm::HIGHRES_IMU_DATA, s: &MagSample) {
+    let (Some([x, y, z]), Some(time)) = (triple(&(s.field_body * GAUSS_PER_TESLA)), boot_usec(s.time)) else {
+        return;
+    };
+    if time != imu.time_usec {
+        return;
+    }
+    use apm::HighresImuUpdatedFlags as Flag;
+    (imu.xmag, imu.ymag, imu.zmag) = (x, y, z);
+    imu.fields_updated |=
+        Flag::HIGHRES_IMU_UPDATED_XMAG | Flag::HIGHRES_IMU_UPDATED_YMAG | Flag::HIGHRES_IMU_UPDATED_ZMAG;
+}
+
+fn gps_raw_int(s: &GnssSample) -> Option<MavMessage> {
+    let (lat, lon, alt) = match &s.position {
+        Some(p) => {
+            let [lat, lon] = degrees_e7(p)?;
+            (lat, lon, millimetres(p.height_m)?)
+        }
+        None => (0, 0, 0),
+    };
+    let (vel, cog) = match s.ground_velocity {
+        // The course wraps before it is rounded up to a full turn.
+        Some(v) => (
+            unsigned(v.speed_mps * 100.0)?,
+            unsigned(v.course_rad.to_degrees().rem_euclid(360.0) * 100.0)? % 36_000,
+        ),
+        None => (UNKNOWN, UNKNOWN),
+    };
+    let accuracy = |a: Option<f64>| a.map_or(0, |a| (a * 1000.0).round().clamp(0.0, 4e9) as u32);
+    Some(MavMessage::GPS_RAW_INT(apm::GPS_RAW_INT_DATA {
+        time_usec: boot_usec(s.time)?,
+        lat,
+        lon,
+        alt,
+        eph: UNKNOWN,
+        epv: UNKNOWN,
+        vel,
+        cog,
+        fix_type: match s.fix {
+            GnssFix::None => apm::GpsFixType::GPS_FIX_TYPE_NO_FIX,
+            GnssFix::TwoD => apm::GpsFixType::GPS_FIX_TYPE_2D_FIX,
+            GnssFix::ThreeD => apm::GpsFixType::GPS_FIX_TYPE_3D_FIX,
+            GnssFix::Corrected => apm::GpsFixType::GPS_FIX_TYPE_DGPS,
+        },
+        satellites_visible: s.satellites.unwrap_or(u8::MAX),
+        alt_ellipsoid: 0,
+        h_acc: accuracy(s.horizontal_accuracy_m),
+        v_acc: accuracy(s.vertical_accuracy_m),
+        vel_acc: accuracy(s.speed_accuracy_mps),
+        hdg_acc: 0,
+        yaw: 0,
+    }))
+}
+
+fn scaled_pressure(s: &PressureSample) -> Option<MavMessage> {
+    Some(MavMessage::SCALED_PRESSURE(apm::SCALED_PRESSURE_DATA {
+        time_boot_ms: boot_ms(s.time)?,
+        press_abs: float(s.pressure_pa * 0.01)?,
+        press_diff: 0.0,
+        temperature: 1500,
+        temperature_press_diff: 0,
+    }))
+}
+
+fn optical_flow_rad(s: &FlowSample) -> Option<MavMessage> {
+    let dt = s.interval.seconds();
+    let [x, y] = s.rate_xy.map(|r| float(r * dt));
+    let gyro = match s.rotation {
+        FlowRotation::SensorGyro(g) => g.map(|r| (r * dt) as f32),
+        FlowRotation::Removed => [0.0; 2],
+        // The message's way to say that the sensor has no gyro.
+        FlowRotation::Contained => [f32::NAN; 2],
+    };
+    Some(MavMessage::OPTICAL_FLOW_RAD(apm::OPTICAL_FLOW_RAD_DATA {
+        time_usec: boot_usec(s.time)?,
+        integration_time_us: u32::try_from(s.interval.micros()).ok().filter(|&us| us > 0)?,
+        integrated_x: x?,
+        integrated_y: y?,
+        integrated_xgyro: gyro[0],
+        integrated_ygyro: gyro[1],
+        integrated_zgyro: f32::NAN,
+        time_delta_distance_us: 0,
+        // Negative is "not known".
+        distance: s.distance_m.map_or(Some(-1.0), float)?,
+        temperature: 1500,
+        sensor_id: s.sensor,
+        quality: (s.quality * 255.0).round().clamp(0.0, 255.0) as u8,
+    }))
+}
+
+fn distance_sensor(s: &RangeSample) -> Option<MavMessage> {
+    let [least, greatest] = s.limits_m.unwrap_or_default();
+    Some(MavMessage::DISTANCE_SENSOR(apm::DISTANCE_SENSOR_DATA {
+        time_boot_ms: boot_ms(s.time)?,
+        min_distance: unsigned(least * 100.0)?,
+        max_distance: unsigned(greatest * 100.0)?,
+        current_distance: unsigned(s.distance_m * 100.0)?,
+        mavtype: apm::MavDistanceSensor::MAV_DISTANCE_SENSOR_LASER,
+        id: s.sensor,
+        orientation: match s.direction {
+            RangeDirection::Down => apm::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270,
+            RangeDirection::Other(_) => return None,
+        },
+        covariance: u8::MAX,
+        horizontal_fov: 0.0,
+        vertical_fov: 0.0,
+        quaternion: [0.0; 4],
+        signal_quality: 0,
+    }))
+}
+
+/// Only the airspeed of it: the rest is the autopilot's estimate, which a simulated vehicle does not have.
+fn vfr_hud(airspeed_mps: f64) -> Option<MavMessage> {
+    Some(MavMessage::VFR_HUD(apm::VFR_HUD_DATA {
+        airspeed: float(airspeed_mps)?,
+        groundspeed: 0.0,
+        alt: 0.0,
+        climb: 0.0,
+        heading: 0,
+        throttle: 0,
+    }))
+}
+
+fn boot_usec(time: ApTime) -> Option<u64> {
+    u64::try_from(time.micros()).ok()
+}
+
+/// Wraps after 49.7 days, as the field does.
+fn boot_ms(time: ApTime) -> Option<u32> {
+    Some(((boot_usec(time)? + 500) / 1000) as u32)
+}
+
+fn shorts(v: &Vector3<f64>) -> Option<[i16; 3]> {
+    let short = |x: f64| x.is_finite().then(|| x.round().clamp(-32_767.0, 32_767.0) as i16);
+    Some([short(v.x)?, short(v.y)?, short(v.z)?])
+}
+
+/// Rounded; 65 535 is "not known" and never comes of a number.
+fn unsigned(v: f64) -> Option<u16> {
+    v.is_finite().then(|| v.round().clamp(0.0, 65_534.0) as u16)
+}
+
+fn millimetres(height_m: f64) -> Option<i32> {
+    height_m.is_finite().then(|| (height_m * 1000.0).round() as i32)
+}
+
+fn degrees_e7(p: &Geodetic) -> Option<[i32; 2]> {
+    p.is_plausible().then(|| [p.latitude_rad, p.longitude_rad].map(|a| (a.to_degrees() * 1e7).round() as i32))
+}
