@@ -23,10 +23,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 /// The order of the table.
-const VARIANTS: [Estimator; 5] = [
+const VARIANTS: [Estimator; 6] = [
     Estimator::Inertial,
     Estimator::NloPrinted,
     Estimator::Nlo,
+    Estimator::Xkf,
     Estimator::Ekf15,
     Estimator::Shipped,
 ];

@@ -1,3 +1,5 @@
+//! The error-state filter against numeric derivatives, and what it learns of what.
+
 use super::covariance::Covariance;
 use super::measure::{flow_model, flow_rows, magnetic_row};
 use super::*;

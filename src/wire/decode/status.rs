@@ -40,8 +40,8 @@ impl Decoder {
 fn airframe(mav_type: u8) -> Option<Airframe> {
     match mav_type {
         1 | 19..=25 => Some(Airframe::FixedWing),
-        2 | 3 | 4 | 13..=15 | 29 | 35 => Some(Airframe::Multirotor),
-        10 | 11 | 12 => Some(Airframe::Surface),
+        2..=4 | 13..=15 | 29 | 35 => Some(Airframe::Multirotor),
+        10..=12 => Some(Airframe::Surface),
         _ => None,
     }
 }
