@@ -33,6 +33,9 @@ const LATENCY_STEP_S: f64 = 0.04;
 /// The interval taken for the first sample, s.
 pub(super) const FIRST_INTERVAL_S: f64 = 0.05;
 
+/// Heading error of an observer that is still starting, rad.
+const HEADING_AT_START: f64 = 0.17;
+
 /// One flow sensor.
 #[derive(Clone, Debug)]
 pub(super) struct FlowSensor {
@@ -268,7 +271,7 @@ impl Navigator {
         self.flow_body = Some((m.time, self.in_body(m, &corrected)));
         let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
         self.filter_bias(m, index);
-        let lasting = self.heading_doubt(&v_gnss);
+        let lasting = self.heading_doubt(m.time, &v_gnss);
         let sensor = &mut self.flows[index];
         sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, &lasting, m.interval_s);
         let trust = sensor.calibration.trust();
@@ -288,12 +291,17 @@ impl Navigator {
         Verdict::Used
     }
 
-    /// What the filter's own doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s².
-    fn heading_doubt(&self, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
+    /// What the doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s². Observers without a magnetometer have
+    /// their heading from this very flow: whatever it is turned by, they agree with it.
+    fn heading_doubt(&self, now: ApTime, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
         let across = Vector2::new(-v_gnss.y, v_gnss.x);
-        self.kalman
-            .as_ref()
-            .map_or(Matrix2::zeros(), |_| across * across.transpose() * self.attitude_variance().z)
+        let variance = match &self.kalman {
+            Some(_) => self.attitude_variance().z,
+            None if self.has_magnetometer(now) => 0.0,
+            None if self.starting(now) => HEADING_AT_START.powi(2),
+            None => self.attitude_variance().z,
+        };
+        across * across.transpose() * variance
     }
 
     /// The velocity that GNSS gives when the flow was measured, body x and y, m/s.

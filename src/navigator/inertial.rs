@@ -108,6 +108,7 @@ impl Navigator {
             return fusini_step(&self.fusini, state, &input);
         }
         let signal = self.signal();
+        let starting = self.starting(s.time);
         if let Some(pair) = magnetic {
             let (position_error_ned, velocity_error_ned) = signal
                 .map_or((Vector3::zeros(), Vector3::zeros()), |w| {
@@ -123,8 +124,6 @@ impl Navigator {
                 position_error_ned,
                 velocity_error_ned,
             };
-            let starting = self.modes.mode() == Mode::Aligning
-                || self.modes.seconds_since_attitude(s.time) < self.settings.observer.start_s;
             let params = if starting { &self.grip_start } else { &self.grip };
             return grip::step(params, state, &input).ok();
         }
@@ -139,7 +138,14 @@ impl Navigator {
             reference: AttitudeReference::FlowVelocity,
             k_p_override: None,
         };
-        fusini_step(&self.fusini, state, &input)
+        let params = if starting { &self.fusini_start } else { &self.fusini };
+        fusini_step(params, state, &input)
+    }
+
+    /// Whether the observers are still looking for the attitude, with gains to match.
+    pub(super) fn starting(&self, now: ApTime) -> bool {
+        self.modes.mode() == Mode::Aligning
+            || self.modes.seconds_since_attitude(now) < self.settings.observer.start_s
     }
 
     /// The measurement signal, its vertical part from the height filter.

@@ -99,11 +99,17 @@ impl FusiniParams {
     /// threshold of 0.5 one start in a hundred takes 20 s; so, of 2000 starts the slowest takes 8.5 s), and a magnetic triad that is used nearer to where it degenerates. Leave the flow bias alone
     /// ([`update_flow_bias`]) until it is over: it would swallow the attitude error and keep it.
     pub fn start_up() -> Self {
+        Self::tuned().starting()
+    }
+
+    /// These parameters with the gains and the gate of [`Self::start_up`].
+    pub fn starting(self) -> Self {
         Self {
             k_p: Vector3::repeat(1.0),
+            k_i: 0.05,
             min_magnetic_sine: 0.1,
             gate: Some(Gate { threshold: 0.4, ..Gate::standard() }),
-            ..Self::tuned()
+            ..self
         }
     }
 }
