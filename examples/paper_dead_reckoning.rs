@@ -152,6 +152,9 @@ fn navigator(args: &Args, imu: &str, estimator: Estimator) -> Result<Navigator, 
     let own = if imu == "mems" { MEMS } else { TACTICAL };
     overrides.extend(own.iter().map(|s| (*s).to_owned()));
     overrides.push(format!("observer.estimator={}", estimator.label()));
+    // The published forms of b_v; the filters have it among their states.
+    let flow_bias = if estimator == Estimator::NloPrinted { "as_printed" } else { "body" };
+    overrides.push(format!("observer.flow_bias={flow_bias}"));
     if !args.magnetometer && !matches!(estimator, Estimator::Shipped | Estimator::Inertial) {
         overrides.push("magnetometer.use=false".to_owned());
     }
@@ -208,10 +211,8 @@ fn fly(args: &Args, imu: &str, path: &str, seed: u64) -> Result<Vec<Flown>, Stri
     Ok(pilots
         .iter()
         .map(|p| {
-            let error = p
-                .navigator
-                .solution()
-                .map_or(f64::NAN, |s| (s.position_ned - end.position_ned).xy().norm());
+            let error =
+                p.navigator.solution().map_or(f64::NAN, |s| (s.position_ned - end.position_ned).xy().norm());
             Flown {
                 drift_percent: 100.0 * error / distance,
                 holdover: p.holdover,
@@ -296,7 +297,10 @@ fn print(rows: &[Row], json: bool) -> std::io::Result<()> {
         return writeln!(out, "{}", serde_json::json!({ "rows": rows }));
     }
     let number = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
-    writeln!(out, "Horizontal error after 600 s without GNSS, % of the distance; mean NEES of two axes (2 is honest)")?;
+    writeln!(
+        out,
+        "Horizontal error after 600 s without GNSS, % of the distance; mean NEES of two axes (2 is honest)"
+    )?;
     writeln!(
         out,
         "  {:9} {:9} {:12} {:>5} {:>8} {:>8} {:>10} {:>9} {:>9} {:>9}",

@@ -65,6 +65,8 @@ pub struct FlowCalibration {
     /// Mean square velocity and mean square residual, m²/s², both over the last minute.
     signal: f64,
     residual: f64,
+    /// Mean velocity of late, body x and y, m/s.
+    mean: Vector2<f64>,
     compared_s: f64,
 }
 
@@ -90,6 +92,7 @@ impl FlowCalibration {
             excess: 1.0,
             signal: 0.0,
             residual: 0.0,
+            mean: Vector2::zeros(),
             compared_s: 0.0,
         }
     }
@@ -131,6 +134,7 @@ impl FlowCalibration {
         // Limited, so that one outlier does not open the gate for the next.
         let relative = (residual.norm_squared() / explained.trace().max(1e-12)).min(50.0);
         self.excess += forget * (relative - self.excess);
+        self.mean += (gnss_xy - self.mean) * forget;
         self.signal += forget * (gnss_xy.norm_squared() - self.signal);
         self.residual += forget * (residual.norm_squared() - noise.trace() - self.residual);
         if normalised > GATE {
@@ -175,11 +179,16 @@ impl FlowCalibration {
         if self.compared_s < ENOUGH_S {
             return Err(Distrust::NotCompared);
         }
-        let sigma = |i: usize| self.p[(i, i)].max(0.0).sqrt();
-        if self.x[2].abs() > s.max_scale_error + sigma(2) {
+        let sigma = self.p[(2, 2)].max(0.0).sqrt();
+        if self.x[2].abs() > s.max_scale_error + sigma {
             return Err(Distrust::Scale);
         }
-        if self.x[0].hypot(self.x[1]) > s.max_bias_mps + sigma(0) + sigma(1) {
+        // At one speed all the time, bias and scale are two names of one error: what counts is what is wrong with the velocity flown. At
+        // speed, less than that of a scale error which would be borne is no bias.
+        let h = Self::jacobian(&self.mean);
+        let wrong = (h * self.x).norm();
+        let sigma = (h * self.p * h.transpose()).trace().max(0.0).sqrt();
+        if wrong > s.max_bias_mps.max(s.max_scale_error * self.mean.norm()) + sigma {
             return Err(Distrust::Bias);
         }
         // Sensible only when there was motion to follow.
@@ -247,7 +256,9 @@ mod tests {
         }
         assert!(c.estimate()[1].hypot(27.0 * c.estimate()[3]) < 27.0 * 0.1, "{}", c.estimate());
         let sigma = Vector2::new(0.0, 1.0).dot(
-            &(FlowCalibration::jacobian(&v) * c.covariance() * FlowCalibration::jacobian(&v).transpose()
+            &(FlowCalibration::jacobian(&v)
+                * c.covariance()
+                * FlowCalibration::jacobian(&v).transpose()
                 * Vector2::new(0.0, 1.0)),
         );
         assert!(sigma.sqrt() > 1.0, "what is not known stays unknown: {sigma}");

@@ -270,6 +270,11 @@ impl Navigator {
         let corrected = self.corrected(index, &m.v_xy);
         self.flow_body = Some((m.time, self.in_body(m, &corrected)));
         let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        // While an observer still finds its heading from this very flow, its error would be learned as the flow's misalignment.
+        let settled = self.modes.seconds_since_attitude(m.time) > self.settings.observer.start_s;
+        if self.kalman.is_none() && !settled {
+            return Verdict::Used;
+        }
         self.filter_bias(m, index);
         let lasting = self.heading_doubt(m.time, &v_gnss);
         let sensor = &mut self.flows[index];
@@ -391,10 +396,9 @@ impl Navigator {
         }
     }
 
-    /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
+    /// Fusini's low pass of the velocity bias.
     fn filter_bias(&mut self, m: &Measured, index: usize) {
-        let settled = self.modes.seconds_since_attitude(m.time) > self.settings.observer.start_s;
-        if self.settings.observer.flow_bias == FlowBiasSource::Calibration || !settled {
+        if self.settings.observer.flow_bias == FlowBiasSource::Calibration {
             return;
         }
         let (Some(state), Some((_, v_ned))) = (&self.state, self.predicted(m.time)) else { return };
