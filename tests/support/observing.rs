@@ -1,5 +1,9 @@
 //! An observer flown on closed-form truth. Shared by the tests of convergence and the `paper_observers` example.
 #![allow(dead_code, reason = "the tests and the example each use their part")]
+#![allow(
+    clippy::unwrap_used,
+    reason = "simulated sensors are finite and timely: anything else is a fault of the simulation"
+)]
 
 use holdover::geo::so3;
 use holdover::observer::attitude::MagneticPair;
