@@ -33,9 +33,6 @@ const LATENCY_STEP_S: f64 = 0.04;
 /// The interval taken for the first sample, s.
 pub(super) const FIRST_INTERVAL_S: f64 = 0.05;
 
-/// Heading error of an observer that is still starting, rad.
-const HEADING_AT_START: f64 = 0.17;
-
 /// One flow sensor.
 #[derive(Clone, Debug)]
 pub(super) struct FlowSensor {
@@ -272,11 +269,11 @@ impl Navigator {
         let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
         // While an observer still finds its heading from this very flow, its error would be learned as the flow's misalignment.
         let settled = self.modes.seconds_since_attitude(m.time) > self.settings.observer.start_s;
-        if self.kalman.is_none() && !settled {
+        if self.kalman.is_none() && self.magnetic.is_none() && !settled {
             return Verdict::Used;
         }
         self.filter_bias(m, index);
-        let lasting = self.heading_doubt(m.time, &v_gnss);
+        let lasting = self.heading_doubt(&v_gnss);
         let sensor = &mut self.flows[index];
         sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, &lasting, m.interval_s);
         let trust = sensor.calibration.trust();
@@ -298,12 +295,11 @@ impl Navigator {
 
     /// What the doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s². Observers without a magnetometer have
     /// their heading from this very flow: whatever it is turned by, they agree with it.
-    fn heading_doubt(&self, now: ApTime, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
+    fn heading_doubt(&self, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
         let across = Vector2::new(-v_gnss.y, v_gnss.x);
         let variance = match &self.kalman {
             Some(_) => self.attitude_variance().z,
-            None if self.has_magnetometer(now) => 0.0,
-            None if self.starting(now) => HEADING_AT_START.powi(2),
+            None if self.magnetic.is_some() => 0.0,
             None => self.attitude_variance().z,
         };
         across * across.transpose() * variance
@@ -396,9 +392,9 @@ impl Navigator {
         }
     }
 
-    /// Fusini's low pass of the velocity bias.
+    /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
     fn filter_bias(&mut self, m: &Measured, index: usize) {
-        if self.settings.observer.flow_bias == FlowBiasSource::Calibration {
+        if self.settings.observer.flow_bias == FlowBiasSource::Calibration || self.starting(m.time) {
             return;
         }
         let (Some(state), Some((_, v_ned))) = (&self.state, self.predicted(m.time)) else { return };
