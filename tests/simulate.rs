@@ -13,7 +13,7 @@ use std::path::Path;
 
 use holdover::geo::LocalNed;
 use holdover::replay::log::Log;
-use holdover::sample::{FlowRotation, Reference, Sample, TruthState};
+use holdover::sample::{FlowRotation, Reference, Sample, TruthState, VehicleStatus};
 use holdover::sim::models::{AirspeedModel, ImuModel};
 use holdover::sim::{Scenario, SensorSuite, Simulation};
 use holdover::time::{ApTime, Span};
@@ -38,12 +38,14 @@ fn log(more: &[&str]) -> (TempDir, std::path::PathBuf) {
 struct Decoded {
     samples: Vec<Sample>,
     truth: Vec<TruthState>,
+    statuses: Vec<VehicleStatus>,
     origins: usize,
     rejected: usize,
 }
 
 fn decode(path: &Path) -> Decoded {
-    let mut d = Decoded { samples: Vec::new(), truth: Vec::new(), origins: 0, rejected: 0 };
+    let mut d =
+        Decoded { samples: Vec::new(), truth: Vec::new(), statuses: Vec::new(), origins: 0, rejected: 0 };
     let summary = Log::open(path, None)
         .unwrap()
         .play(
@@ -52,6 +54,7 @@ fn decode(path: &Path) -> Decoded {
                 Item::Sample(s) => d.samples.push(*s),
                 Item::Reference(Reference::Truth(t)) => d.truth.push(*t),
                 Item::Origin(_) => d.origins += 1,
+                Item::Status(s) => d.statuses.push(*s),
                 other => panic!("{other:?}"),
             },
         )
@@ -146,6 +149,9 @@ fn what_is_decoded_is_what_was_simulated() {
             assert_same(a, b, &frame);
         }
         assert_eq!((heard.truth.len(), heard.origins), (701, 3));
+        let scenario = simulation.scenario();
+        let told = if name == "square" { vec![0.0, 30.0] } else { vec![0.0] };
+        assert_eq!(heard.statuses, told.into_iter().map(|t| scenario.status(t)).collect::<Vec<_>>());
         for t in &heard.truth {
             let x = simulation.truth(Simulation::seconds(t.time));
             assert!((frame.to_ned(&t.position.unwrap()) - x.position_ned).norm() < 0.01);

@@ -245,8 +245,9 @@ impl<W: Write> Recorder<W> {
     /// Who and when.
     fn announce(&mut self, t_s: f64) {
         let time = Simulation::ap_time(t_s);
-        self.messages
-            .push(encode_vehicle::heartbeat(self.autopilot, self.simulation.scenario().is_fixed_wing()));
+        let status = self.simulation.scenario().status(t_s);
+        self.messages.push(encode_vehicle::heartbeat(self.autopilot, &status));
+        self.messages.push(encode_vehicle::sensors_present(self.simulation.suite().airspeed.is_some()));
         self.messages.extend(encode_vehicle::system_time(time, unix_us(t_s)));
     }
 

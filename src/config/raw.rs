@@ -7,6 +7,7 @@ use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, 
 use crate::geo::so3::Euler;
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
+use crate::navigator::drag::DragSettings;
 use crate::navigator::settings::{
     Estimator, FlowBiasSource, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings,
     ObserverSettings, RejoinSettings,
@@ -32,6 +33,7 @@ pub(super) struct Raw {
     gnss: Gnss,
     flow: Flow,
     airspeed: Airspeed,
+    drag: Drag,
     range: Range,
     height: Height,
     observer: Observer,
@@ -142,6 +144,15 @@ struct Airspeed {
     min_mps: f64,
     sigma_mps: f64,
     sideslip_sigma_deg: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Drag {
+    r#use: bool,
+    sigma_mps2: f64,
+    coefficient_per_s: f64,
+    coefficient_sigma_per_s: f64,
 }
 
 #[derive(Deserialize)]
@@ -356,6 +367,8 @@ impl Raw {
                 wind_sigma: self.kalman.wind_sigma_mps,
                 wind_walk: self.kalman.wind_walk,
                 airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
+                drag: self.drag.coefficient_per_s,
+                drag_sigma: self.drag.coefficient_sigma_per_s,
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
                 gate_sigma: self.kalman.gate_sigma,
@@ -385,6 +398,7 @@ impl Raw {
                 sigma_mps: self.airspeed.sigma_mps,
                 sideslip_sigma_rad: self.airspeed.sideslip_sigma_deg.to_radians(),
             },
+            drag: DragSettings { enabled: self.drag.r#use, sigma_mps2: self.drag.sigma_mps2 },
             range_max_age_s: self.range.max_age_s,
             height: HeightSettings {
                 accel_noise: h.accel_noise,

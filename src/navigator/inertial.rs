@@ -11,6 +11,7 @@ use crate::observer::{
 use crate::sample::ImuSample;
 use crate::time::ApTime;
 
+use super::drag::DragMean;
 use super::event::Why;
 use super::history::Moment;
 use super::rest::Rest;
@@ -226,6 +227,7 @@ impl Navigator {
         self.predictor.propagate(s.time, &integrated, &velocity_ned);
         self.height.predict(dt, -acceleration.z);
         self.look_for_rest(s);
+        self.feel_drag(s, dt);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);
     }
@@ -266,6 +268,7 @@ impl Navigator {
         self.range = None;
         self.last_sample = None;
         self.rest = Rest::default();
+        self.drag = DragMean::default();
         self.latency.interrupt();
         let to = match self.modes.mode() {
             Mode::Aligning => return,

@@ -60,6 +60,7 @@ impl Navigator {
                 wind_sigma: 0.0,
                 wind_walk: 0.0,
                 airspeed_scale_sigma: 0.0,
+                drag_sigma: 0.0,
                 ..settings
             };
             for i in 2..4 {

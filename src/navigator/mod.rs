@@ -9,6 +9,7 @@
 mod aiding;
 pub mod air;
 pub mod budget;
+pub mod drag;
 pub mod event;
 mod flow;
 mod gnss;
@@ -37,6 +38,7 @@ use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
 
 use budget::ErrorBudget;
+use drag::DragMean;
 use event::{Event, What};
 use flow::FlowSensor;
 use history::History;
@@ -108,6 +110,7 @@ pub struct Navigator {
     range: Option<(ApTime, f64)>,
     status: VehicleStatus,
     rest: Rest,
+    drag: DragMean,
     /// The newest airspeed, and the newest that was used.
     airspeed: Option<ApTime>,
     airspeed_used: Option<ApTime>,
@@ -182,6 +185,7 @@ impl Navigator {
             range: None,
             status: VehicleStatus::default(),
             rest: Rest::default(),
+            drag: DragMean::default(),
             airspeed: None,
             airspeed_used: None,
             pressure: None,

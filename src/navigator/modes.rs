@@ -195,6 +195,8 @@ impl Navigator {
             Carrier::Standstill
         } else if self.carried_by_air(now) {
             Carrier::Airspeed
+        } else if self.carried_by_drag(now) {
+            Carrier::Drag
         } else {
             Carrier::Inertial
         };

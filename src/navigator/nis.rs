@@ -19,13 +19,15 @@ pub enum Measured {
     Airspeed,
     /// No sideslip.
     Sideslip,
+    /// Rotor drag along an axis.
+    Drag,
     /// Standing still.
     Standstill,
 }
 
 impl Measured {
     /// All, in the order they are shown.
-    pub const ALL: [Measured; 8] = [
+    pub const ALL: [Measured; 9] = [
         Measured::GnssPosition,
         Measured::GnssVelocity,
         Measured::Magnetometer,
@@ -33,6 +35,7 @@ impl Measured {
         Measured::Height,
         Measured::Airspeed,
         Measured::Sideslip,
+        Measured::Drag,
         Measured::Standstill,
     ];
 
@@ -46,6 +49,7 @@ impl Measured {
             Measured::Height => "height",
             Measured::Airspeed => "airspeed",
             Measured::Sideslip => "sideslip",
+            Measured::Drag => "rotor drag",
             Measured::Standstill => "standstill",
         }
     }

@@ -9,6 +9,7 @@ use crate::observer::eskf::EskfSettings;
 
 use super::air::AirSettings;
 use super::budget::BudgetSettings;
+use super::drag::DragSettings;
 use super::trust::TrustSettings;
 
 /// What navigates.
@@ -83,6 +84,8 @@ pub struct NavigatorSettings {
     pub flow: FlowSettings,
     /// Airspeed.
     pub air: AirSettings,
+    /// Rotor drag.
+    pub drag: DragSettings,
     /// Rangefinder samples are used for this long, s.
     pub range_max_age_s: f64,
     /// Height.

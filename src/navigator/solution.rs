@@ -43,6 +43,8 @@ pub enum Carrier {
     Flow,
     /// Airspeed, heading and the wind as it was last known.
     Airspeed,
+    /// The drag of a multirotor's rotors, and the wind as it was last known.
+    Drag,
     /// The vehicle stands on the ground.
     Standstill,
     /// Nothing: inertial coasting.

@@ -9,6 +9,7 @@ use super::sensors::Environment;
 use super::trajectory::{Trajectory, Truth};
 use super::wing::{FULL, Plan, PlannedFlight};
 use crate::geo::Geodetic;
+use crate::sample::{Airframe, VehicleStatus};
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -18,6 +19,8 @@ const PENGUIN_MPS: f64 = 27.0;
 const PENGUIN_GNSS_S: f64 = 720.0;
 /// … and for this long, s.
 const PENGUIN_OUTAGE_S: f64 = 600.0;
+/// Vehicles are armed for this long before they move, s.
+const ARMED_BEFORE_S: f64 = 2.0;
 /// A roll into a turn takes this long, s.
 const ROLL_S: f64 = 3.0;
 
@@ -168,6 +171,17 @@ impl Scenario {
         matches!(self.motion, Motion::Wing(_))
     }
 
+    /// What the autopilot would say of the vehicle: it arms two seconds before it moves, and disarms when it stands on the ground again.
+    pub fn status(&self, t_s: f64) -> VehicleStatus {
+        let grounded = |t_s: f64| {
+            let truth = self.at(t_s);
+            self.stands(&truth) && truth.position_ned.z.abs() < 1e-3
+        };
+        let airframe = if self.is_fixed_wing() { Airframe::FixedWing } else { Airframe::Multirotor };
+        let armed = !(grounded(t_s) && grounded(t_s + ARMED_BEFORE_S));
+        VehicleStatus { airframe: Some(airframe), armed: Some(armed) }
+    }
+
     /// Whether the vehicle stands still (on the ground, or a multirotor in its hover).
     pub fn stands(&self, truth: &Truth) -> bool {
         truth.velocity_ned.norm() < 1e-3 && truth.body_rate.norm() < 1e-6
@@ -283,6 +297,10 @@ mod tests {
             assert!(s.stands(&s.at(t)) && (s.environment.height(&s.at(t)) - 0.15).abs() < 1e-12, "{t}");
         }
         assert!((s.at(42.0).position_ned.z + 30.0).abs() < 1e-9);
+        let armed = |t| s.status(t).armed.unwrap();
+        assert!(!armed(5.0) && armed(18.5) && armed(100.0) && armed(360.0) && !armed(s.duration_s));
+        assert_eq!(s.status(0.0).airframe, Some(Airframe::Multirotor));
+        assert!(Scenario::circles().status(0.0).armed == Some(true));
         let (from, to) = s.outage_s.unwrap();
         assert!(from > 60.0 && to + 30.0 < s.duration_s);
     }

@@ -10,8 +10,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::geo::{Euler, Geodetic, so3};
 use crate::sample::{
-    FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, MagSample, PressureSample, RangeDirection,
-    RangeSample, Sample,
+    Airframe, FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, MagSample, PressureSample,
+    RangeDirection, RangeSample, Sample, VehicleStatus,
 };
 use crate::time::ApTime;
 
@@ -62,24 +62,54 @@ pub fn samples<'a>(samples: impl IntoIterator<Item = &'a Sample>, out: &mut Vec<
     }
 }
 
-/// The autopilot's HEARTBEAT, armed and flying by itself.
-pub fn heartbeat(autopilot: AutopilotKind, is_fixed_wing: bool) -> MavMessage {
+/// The autopilot's HEARTBEAT.
+pub fn heartbeat(autopilot: AutopilotKind, status: &VehicleStatus) -> MavMessage {
+    let armed = status.armed == Some(true);
+    let flying = apm::MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED;
     MavMessage::HEARTBEAT(apm::HEARTBEAT_DATA {
         custom_mode: 0,
-        mavtype: if is_fixed_wing {
-            apm::MavType::MAV_TYPE_FIXED_WING
-        } else {
-            apm::MavType::MAV_TYPE_QUADROTOR
+        mavtype: match status.airframe {
+            Some(Airframe::FixedWing) => apm::MavType::MAV_TYPE_FIXED_WING,
+            Some(Airframe::Multirotor) => apm::MavType::MAV_TYPE_QUADROTOR,
+            Some(Airframe::Surface) => apm::MavType::MAV_TYPE_GROUND_ROVER,
+            None => apm::MavType::MAV_TYPE_GENERIC,
         },
         autopilot: match autopilot {
             AutopilotKind::Px4 => apm::MavAutopilot::MAV_AUTOPILOT_PX4,
             AutopilotKind::ArduPilot => apm::MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
             AutopilotKind::Other(_) => apm::MavAutopilot::MAV_AUTOPILOT_GENERIC,
         },
-        base_mode: apm::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED
-            | apm::MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED,
-        system_status: apm::MavState::MAV_STATE_ACTIVE,
+        base_mode: if armed { flying | apm::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { flying },
+        system_status: if armed { apm::MavState::MAV_STATE_ACTIVE } else { apm::MavState::MAV_STATE_STANDBY },
         mavlink_version: 3,
+    })
+}
+
+/// SYS_STATUS: which sensors there are. ArduPilot's VFR_HUD shows an estimate where there is no differential pressure.
+pub fn sensors_present(has_airspeed: bool) -> MavMessage {
+    use apm::MavSysStatusSensor as Sensor;
+    let always = Sensor::MAV_SYS_STATUS_SENSOR_3D_GYRO
+        | Sensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL
+        | Sensor::MAV_SYS_STATUS_SENSOR_GPS;
+    let pitot = Sensor::MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE;
+    let sensors = if has_airspeed { always | pitot } else { always };
+    MavMessage::SYS_STATUS(apm::SYS_STATUS_DATA {
+        onboard_control_sensors_present: sensors,
+        onboard_control_sensors_enabled: sensors,
+        onboard_control_sensors_health: sensors,
+        load: 0,
+        voltage_battery: UNKNOWN,
+        current_battery: -1,
+        drop_rate_comm: 0,
+        errors_comm: 0,
+        errors_count1: 0,
+        errors_count2: 0,
+        errors_count3: 0,
+        errors_count4: 0,
+        battery_remaining: -1,
+        onboard_control_sensors_present_extended: apm::MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_enabled_extended: apm::MavSysStatusSensorExtended::empty(),
+        onboard_control_sensors_health_extended: apm::MavSysStatusSensorExtended::empty(),
     })
 }
 
@@ -337,4 +367,85 @@ fn millimetres(height_m: f64) -> Option<i32> {
 
 fn degrees_e7(p: &Geodetic) -> Option<[i32; 2]> {
     p.is_plausible().then(|| [p.latitude_rad, p.longitude_rad].map(|a| (a.to_degrees() * 1e7).round() as i32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{AirspeedSample, GroundVelocity};
+    use crate::time::Span;
+
+    const TIME: ApTime = ApTime::from_micros(12_345_000);
+
+    fn messages(all: &[Sample]) -> Vec<MavMessage> {
+        let mut out = Vec::new();
+        samples(all, &mut out);
+        out
+    }
+
+    fn imu(time: ApTime) -> Sample {
+        Sample::Imu(ImuSample {
+            time,
+            angular_rate_body: Vector3::new(0.1, -0.2, 0.3),
+            specific_force_body: Vector3::new(0.5, 0.0, -9.8),
+        })
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_has_no_message() {
+        let flow = |rate: f64| {
+            Sample::Flow(FlowSample {
+                time: TIME,
+                sensor: 0,
+                interval: Span::from_millis(50),
+                rate_xy: [rate, 0.0],
+                rotation: FlowRotation::Contained,
+                quality: 1.0,
+                distance_m: None,
+            })
+        };
+        let airspeed = |airspeed_mps| Sample::Airspeed(AirspeedSample { time: TIME, airspeed_mps });
+        let pressure = |pressure_pa| Sample::Pressure(PressureSample { time: TIME, sensor: 0, pressure_pa });
+        for value in [f64::NAN, f64::INFINITY, 1e300] {
+            assert!(messages(&[flow(value), airspeed(value), pressure(value)]).is_empty(), "{value}");
+        }
+        assert_eq!(messages(&[flow(0.1), airspeed(20.0), pressure(1e5)]).len(), 3);
+        assert!(messages(&[imu(ApTime::from_micros(-1))]).is_empty());
+    }
+
+    #[test]
+    fn a_field_goes_into_the_inertial_message_of_its_time_only() {
+        let mag = Sample::Mag(MagSample { time: TIME, sensor: 0, field_body: Vector3::new(2e-5, 0.0, 4e-5) });
+        let flags = |all: &[Sample]| {
+            messages(all)
+                .iter()
+                .map(|m| {
+                    let MavMessage::HIGHRES_IMU(m) = m else { panic!("{m:?}") };
+                    (m.zmag, m.fields_updated.bits())
+                })
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(flags(&[imu(TIME), mag]), [(0.4, 0x1FF)]);
+        assert_eq!(flags(&[imu(TIME + Span::from_millis(10)), mag]), [(0.0, 0x3F)]);
+        assert!(flags(&[mag]).is_empty());
+    }
+
+    #[test]
+    fn a_course_just_below_north_is_north() {
+        let gnss = GnssSample {
+            time: TIME,
+            receiver: 0,
+            fix: GnssFix::ThreeD,
+            position: Some(Geodetic::from_degrees(63.4, 10.4, 100.0)),
+            ground_velocity: Some(GroundVelocity { speed_mps: 20.0, course_rad: -1e-6 }),
+            horizontal_accuracy_m: Some(1.5),
+            vertical_accuracy_m: None,
+            speed_accuracy_mps: None,
+            satellites: None,
+        };
+        let all = messages(&[Sample::Gnss(gnss)]);
+        let [MavMessage::GPS_RAW_INT(m)] = &all[..] else { panic!("{all:?}") };
+        assert_eq!((m.cog, m.vel, m.h_acc, m.v_acc, m.satellites_visible), (0, 2000, 1500, 0, 255));
+        assert_eq!((m.lat, m.lon, m.alt), (634_000_000, 104_000_000, 100_000));
+    }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
 
 use super::covariance::Row;
-use super::{AIRSPEED, BA, BG, BM, Correction, Eskf, EskfState, FLOW, Gated, MICRO, P, THETA, V, WIND};
+use super::{AIRSPEED, BA, BG, BM, Correction, DRAG, Eskf, EskfState, FLOW, Gated, MICRO, P, THETA, V, WIND};
 use crate::camera::FlowCalibration;
 use crate::geo::so3::hat;
 
@@ -136,6 +136,29 @@ impl Eskf {
         self.fuse(&h, -expected, (sigma_rad * speed).powi(2))
     }
 
+    /// A multirotor's specific force along body x and y, m/s², mean over a short while in which the velocity through the air was
+    /// `air_body` (body axes, m/s) in the mean: f = b_a − D u (Leishman et al. 2014, "Quadrotors and accelerometers").
+    ///
+    /// # Errors
+    /// [`Gated`]: then neither component is used.
+    pub fn fuse_drag(
+        &mut self,
+        force_xy: &Vector2<f64>,
+        air_body: &Vector3<f64>,
+        sigma: f64,
+    ) -> Result<[Correction; 2], Gated> {
+        let innovation = force_xy - self.state.expected_drag(air_body);
+        let rows = [0, 1].map(|axis| self.state.drag_row(air_body, axis));
+        let variance = sigma * sigma;
+        for i in 0..2 {
+            self.gate(&rows[i], innovation[i], variance)?;
+        }
+        let first = self.fuse(&rows[0], innovation.x, variance)?;
+        let moved = rows[1].dot(&first.all);
+        let second = self.fuse(&rows[1], innovation.y - moved, variance)?;
+        Ok([first, second])
+    }
+
     /// The vehicle stands: the velocity is zero, and the gyros show their bias and the Earth's rate.
     ///
     /// # Errors
@@ -169,6 +192,28 @@ impl EskfState {
     /// What the magnetometer should show, body, T.
     pub(super) fn expected_magnetic(&self, field_ned: &Vector3<f64>) -> Vector3<f64> {
         self.r_body_to_ned.tr_mul(field_ned) + self.magnetic_bias
+    }
+
+    /// Velocity through the air, body axes, m/s.
+    pub fn air_velocity_body(&self) -> Vector3<f64> {
+        let wind = Vector3::new(self.wind_ne.x, self.wind_ne.y, 0.0);
+        self.r_body_to_ned.tr_mul(&(self.velocity_ned - wind))
+    }
+
+    /// What the accelerometers should show along body x and y, m/s².
+    pub(super) fn expected_drag(&self, air_body: &Vector3<f64>) -> Vector2<f64> {
+        self.accel_bias.xy() - air_body.xy() * self.drag
+    }
+
+    /// Its derivative.
+    pub(super) fn drag_row(&self, air_body: &Vector3<f64>, axis: usize) -> Row {
+        let along_ned = self.r_body_to_ned.column(axis).transpose();
+        Row::unit(BA + axis)
+            .with3(THETA, &(hat(air_body).row(axis) * -self.drag))
+            .with3(V, &(along_ned * -self.drag))
+            .with(WIND, along_ned.x * self.drag)
+            .with(WIND + 1, along_ned.y * self.drag)
+            .with(DRAG, -air_body[axis])
     }
 
     /// Velocity through the air, NED, m/s, where there is enough of it.

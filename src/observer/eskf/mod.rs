@@ -1,8 +1,8 @@
 //! An error-state Kalman filter: attitude, position, velocity, IMU errors, and what is systematically wrong with flow, magnetometer and
-//! airspeed.
+//! airspeed, the wind and the rotors' drag.
 //!
 //! Nominal state R (body → NED), p, v, b_g, b_a, flow [b_x, b_y, s, μ] (see [`crate::camera::calibration`]), magnetometer bias b_m,
-//! gyro scale error s_g, wind w (north, east) and airspeed scale error k. Error state, 28 numbers, the attitude error on the body side
+//! gyro scale error s_g, wind w (north, east), airspeed scale error k and rotor drag D. Error state, 29 numbers, the attitude error on the body side
 //! (R_true = R Exp(δθ)):
 //!
 //! δθ̇ = −ω × δθ − δb_g − diag(ω) δs_g,  δṗ = δv,  δv̇ = −R S(f) δθ − R δb_a,  biases and wind random walks, scales constant.
@@ -24,7 +24,7 @@ use covariance::{Covariance, Pending, Row, reduce};
 pub use measure::Lag;
 
 /// Size of the error state.
-pub const STATES: usize = 28;
+pub const STATES: usize = 29;
 const THETA: usize = 0;
 const P: usize = 3;
 const V: usize = 6;
@@ -36,6 +36,7 @@ const BM: usize = 19;
 const SG: usize = 22;
 const WIND: usize = 25;
 const AIRSPEED: usize = 27;
+const DRAG: usize = 28;
 
 /// Micro-units in a unit.
 const MICRO: f64 = 1e6;
@@ -76,6 +77,10 @@ pub struct EskfSettings {
     pub wind_walk: f64,
     /// Standard deviation of the airspeed's scale error.
     pub airspeed_scale_sigma: f64,
+    /// Drag of the rotors before it was seen, 1/s, and its standard deviation.
+    pub drag: f64,
+    /// See `drag`.
+    pub drag_sigma: f64,
     /// Innovations beyond this many sigmas are rejected.
     pub gate_sigma: f64,
 }
@@ -103,6 +108,8 @@ pub struct EskfState {
     pub wind_ne: Vector2<f64>,
     /// Airspeed scale error: the sensor shows (1 + k) of the airspeed.
     pub airspeed_scale: f64,
+    /// Rotor drag D, 1/s: a multirotor's specific force along body x and y is −D times its velocity through the air.
+    pub drag: f64,
 }
 
 impl EskfState {
@@ -124,13 +131,15 @@ impl EskfState {
             gyro_scale: Vector3::zeros(),
             wind_ne: Vector2::zeros(),
             airspeed_scale: 0.0,
+            drag: 0.0,
         }
     }
 
     fn is_finite(&self) -> bool {
         let motion = self.r_body_to_ned.sum() + self.position_ned.sum() + self.velocity_ned.sum();
         let inertial = self.gyro_bias.sum() + self.accel_bias.sum() + self.gyro_scale.sum();
-        let others = self.flow.sum() + self.magnetic_bias.sum() + self.wind_ne.sum() + self.airspeed_scale;
+        let others =
+            self.flow.sum() + self.magnetic_bias.sum() + self.wind_ne.sum() + self.airspeed_scale + self.drag;
         (motion + inertial + others).is_finite()
     }
 }
@@ -200,6 +209,8 @@ impl Eskf {
             }
         }
         p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
+        p[(DRAG, DRAG)] = settings.drag_sigma.powi(2);
+        let state = EskfState { drag: settings.drag, ..state };
         Self { settings, state, p, pending: Pending::new(state.r_body_to_ned), steps: 0 }
     }
 
@@ -222,6 +233,11 @@ impl Eskf {
     pub fn attitude_covariance_ned(&self) -> Matrix3<f64> {
         let r = &self.state.r_body_to_ned;
         r * self.p.fixed_view::<3, 3>(THETA, THETA) * r.transpose()
+    }
+
+    /// Standard deviation of the rotor drag, 1/s.
+    pub fn drag_sigma(&self) -> f64 {
+        self.p[(DRAG, DRAG)].max(0.0).sqrt()
     }
 
     /// Covariance of the wind, north and east, m²/s².
@@ -352,5 +368,6 @@ impl Eskf {
         s.gyro_scale += dx.fixed_rows::<3>(SG);
         s.wind_ne += dx.fixed_rows::<2>(WIND);
         s.airspeed_scale += dx[AIRSPEED];
+        s.drag += dx[DRAG];
     }
 }

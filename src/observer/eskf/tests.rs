@@ -22,6 +22,8 @@ fn silent() -> EskfSettings {
         wind_sigma: 0.0,
         wind_walk: 0.0,
         airspeed_scale_sigma: 0.0,
+        drag: 0.3,
+        drag_sigma: 0.0,
         gate_sigma: 5.0,
     }
 }
@@ -38,6 +40,7 @@ fn state() -> EskfState {
         gyro_scale: Vector3::new(0.002, -0.001, 0.003),
         wind_ne: Vector2::new(3.0, -2.0),
         airspeed_scale: 0.02,
+        drag: 0.3,
     }
 }
 
@@ -71,6 +74,7 @@ fn difference(a: &EskfState, b: &EskfState) -> SVector<f64, STATES> {
     d.fixed_rows_mut::<3>(SG).copy_from(&(b.gyro_scale - a.gyro_scale));
     d.fixed_rows_mut::<2>(WIND).copy_from(&(b.wind_ne - a.wind_ne));
     d[AIRSPEED] = b.airspeed_scale - a.airspeed_scale;
+    d[DRAG] = b.drag - a.drag;
     d
 }
 
@@ -126,6 +130,10 @@ fn measurement_rows_are_the_derivatives() {
         let row = magnetic_row(&s.r_body_to_ned.tr_mul(&field), axis);
         rows_match(&row, |s| s.expected_magnetic(&field)[axis] * MICRO, 1e-3);
     }
+    for axis in 0..2 {
+        let row = s.drag_row(&s.air_velocity_body(), axis);
+        rows_match(&row, |s| s.expected_drag(&s.air_velocity_body())[axis], 1e-4);
+    }
     rows_match(&s.airspeed_row().unwrap().1, |s| s.airspeed_row().unwrap().0, 1e-4);
     rows_match(&s.sideslip_row().unwrap().2, |s| s.sideslip_row().unwrap().0, 1e-4);
 }
@@ -178,6 +186,7 @@ fn the_covariance_stays_symmetric_and_positive() {
         wind_sigma: 5.0,
         wind_walk: 0.1,
         airspeed_scale_sigma: 0.1,
+        drag_sigma: 0.2,
         ..silent()
     };
     let sigma = certain([0.1, 3.0, 0.5, 0.01, 0.1], Matrix4::identity() * 0.01);
@@ -197,6 +206,8 @@ fn the_covariance_stays_symmetric_and_positive() {
             let expected = f.state().airspeed_row().map_or(0.0, |a| a.0);
             let _ = f.fuse_airspeed(expected + 0.1, 1.0);
             let _ = f.fuse_sideslip(0.1);
+            let air = f.state().air_velocity_body();
+            let _ = f.fuse_drag(&f.state().expected_drag(&air), &air, 0.3);
         }
     }
     assert!(f.is_finite());

@@ -4,7 +4,8 @@ use crate::sim::noise::{Dice, GaussMarkov, Stream};
 use crate::sim::trajectory::Truth;
 use nalgebra::Vector3;
 
-/// The standard atmosphere's troposphere (ISO 2533): sea-level pressure, Pa, temperature, K, lapse rate, K/m, and g/(R·L).
+/// The standard atmosphere's troposphere (ISO 2533): sea-level pressure, Pa, temperature, K, lapse rate, K/m, and g/(R·L). The
+/// density's exponent is one less.
 const P0_PA: f64 = 101_325.0;
 const T0_K: f64 = 288.15;
 const LAPSE_KPM: f64 = 0.0065;
@@ -72,13 +73,19 @@ impl Barometer {
         self.wander_m = m.wander_m.next(self.wander_m, m.period_s, self.dice.normal());
         let altitude_m = -truth.position_ned.z + self.wander_m + m.noise_m * self.dice.normal();
         let height = self.origin_m + altitude_m + self.weather_m;
-        // Heights beyond the troposphere are not simulated.
-        let pressure_pa = P0_PA * (1.0 - LAPSE_KPM / T0_K * height).max(0.5).powf(EXPONENT);
+        let pressure_pa = P0_PA * relative_temperature(height).powf(EXPONENT);
         BarometerReading { altitude_m, pressure_pa }
     }
 }
 
-/// Errors of an airspeed sensor.
+/// Temperature over that of the sea level.
+fn relative_temperature(height_m: f64) -> f64 {
+    // Heights beyond the troposphere are not simulated.
+    (1.0 - LAPSE_KPM / T0_K * height_m).max(0.5)
+}
+
+/// Errors of an airspeed sensor, which measures dynamic pressure: equivalent airspeed, that is true airspeed times √(ρ/ρ₀) in the
+/// standard atmosphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AirspeedModel {
     /// Time between samples, s.
@@ -110,20 +117,25 @@ pub(in crate::sim) struct Airspeed {
     dice: Dice,
     scale: f64,
     gust_ned: Vector3<f64>,
+    origin_m: f64,
 }
 
 impl Airspeed {
-    pub(in crate::sim) fn new(model: AirspeedModel, seed: u64) -> Self {
+    /// `origin_m` is the origin's height above sea level.
+    pub(in crate::sim) fn new(model: AirspeedModel, seed: u64, origin_m: f64) -> Self {
         let mut dice = Dice::new(seed, Stream::Airspeed);
         let scale = dice.signed(model.scale);
         let gust_ned = dice.normals() * model.gusts_mps.sigma;
-        Self { model, dice, scale, gust_ned }
+        Self { model, dice, scale, gust_ned, origin_m }
     }
 
+    /// Equivalent airspeed, m/s.
     pub(in crate::sim) fn sample(&mut self, wind_ned: &Vector3<f64>, truth: &Truth) -> f64 {
         let m = self.model;
         self.gust_ned = m.gusts_mps.next3(&self.gust_ned, m.period_s, &self.dice.normals());
         let noise = m.noise_mps * self.dice.normal();
-        (1.0 + self.scale) * (truth.velocity_ned - wind_ned - self.gust_ned).norm() + noise
+        let density = relative_temperature(self.origin_m - truth.position_ned.z).powf(EXPONENT - 1.0);
+        let through_air = (truth.velocity_ned - wind_ned - self.gust_ned).norm();
+        (1.0 + self.scale) * through_air * density.sqrt() + noise
     }
 }
