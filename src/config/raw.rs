@@ -367,7 +367,6 @@ impl Raw {
                 wind_sigma: self.kalman.wind_sigma_mps,
                 wind_walk: self.kalman.wind_walk,
                 airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
-                drag: self.drag.coefficient_per_s,
                 drag_sigma: self.drag.coefficient_sigma_per_s,
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
@@ -398,7 +397,11 @@ impl Raw {
                 sigma_mps: self.airspeed.sigma_mps,
                 sideslip_sigma_rad: self.airspeed.sideslip_sigma_deg.to_radians(),
             },
-            drag: DragSettings { enabled: self.drag.r#use, sigma_mps2: self.drag.sigma_mps2 },
+            drag: DragSettings {
+                enabled: self.drag.r#use,
+                coefficient: self.drag.coefficient_per_s,
+                sigma_mps2: self.drag.sigma_mps2,
+            },
             range_max_age_s: self.range.max_age_s,
             height: HeightSettings {
                 accel_noise: h.accel_noise,

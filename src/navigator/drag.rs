@@ -27,6 +27,8 @@ const KNOWN: f64 = 4.0;
 pub struct DragSettings {
     /// Use it.
     pub enabled: bool,
+    /// Deceleration over velocity before it was seen, 1/s.
+    pub coefficient: f64,
     /// Standard deviation of the mean force of 0.1 s, m/s²: vibration, gusts, and what is not proportional.
     pub sigma_mps2: f64,
 }

@@ -81,7 +81,10 @@ impl Navigator {
             Some(h) => Vector3::new(state.position_ned.x, state.position_ned.y, -h),
             None => state.position_ned,
         };
-        let start = EskfState::moving(r, position_ned, state.velocity_ned, state.gyro_bias);
+        let start = EskfState {
+            drag: self.settings.drag.coefficient,
+            ..EskfState::moving(r, position_ned, state.velocity_ned, state.gyro_bias)
+        };
         let gnss = self.gnss_sigma_m;
         let (settings, flow) = self.kalman_settings();
         let sigma = StartSigma {

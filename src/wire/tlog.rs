@@ -161,6 +161,10 @@ fn step(bytes: &[u8], at_end: bool) -> Step {
     if frame.checksum_fits() {
         return Step::Record { len, known: true };
     }
+    // A whole record inside it says that it was none.
+    if let Some(inside) = next_whole(bytes, len) {
+        return Step::Skip { skip: inside, count: None };
+    }
     // A start byte where the next record has to have it (or the end of the log) says that this really was a record.
     let next_fits = match bytes.get(len + STAMP_LEN) {
         Some(&b) => b == 0xFE || b == 0xFD,
@@ -182,6 +186,16 @@ fn to_next_start(bytes: &[u8]) -> usize {
         Some(i) => i + 1,
         None => bytes.len().saturating_sub(STAMP_LEN).max(1),
     }
+}
+
+/// Where within the first `len` bytes another record begins whose checksum fits.
+fn next_whole(bytes: &[u8], len: usize) -> Option<usize> {
+    (1..len).find(|&from| match bytes.get(from + STAMP_LEN..) {
+        Some(rest) if matches!(rest.first(), Some(0xFE | 0xFD)) => {
+            matches!(candidate(rest), Candidate::Frame(frame) if frame.checksum_fits())
+        }
+        _ => false,
+    })
 }
 
 /// Names the kind of a file that is no tlog, from its first bytes, to tell its owner what to do.
@@ -253,6 +267,21 @@ mod tests {
         assert_eq!(messages, vec![message(1), message(3)]);
         assert_eq!(counters.of(Cause::BadChecksum), 1);
         assert_eq!(counters.of(Cause::Garbage), 0);
+    }
+
+    #[test]
+    fn a_stamp_that_looks_like_a_frame_hides_no_records() {
+        let mut log: Vec<u8> = (1..=60).flat_map(|i| record(i, false)).collect();
+        // A lost start byte, and in the next stamp a start byte before what fits as a length.
+        for (at, bit) in [(236, 5), (211, 0)] {
+            log[at] ^= 1 << bit;
+        }
+        let mut reader = TlogReader::new(log.as_slice());
+        let mut read = 0;
+        while let Some(r) = reader.next_record().unwrap() {
+            read += usize::from(r.frame.parse().is_ok());
+        }
+        assert!(read >= 58, "{read}");
     }
 
     #[test]

@@ -77,9 +77,7 @@ pub struct EskfSettings {
     pub wind_walk: f64,
     /// Standard deviation of the airspeed's scale error.
     pub airspeed_scale_sigma: f64,
-    /// Drag of the rotors before it was seen, 1/s, and its standard deviation.
-    pub drag: f64,
-    /// See `drag`.
+    /// Standard deviation of the rotors' drag before it was seen, 1/s.
     pub drag_sigma: f64,
     /// Innovations beyond this many sigmas are rejected.
     pub gate_sigma: f64,
@@ -210,7 +208,6 @@ impl Eskf {
         }
         p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
         p[(DRAG, DRAG)] = settings.drag_sigma.powi(2);
-        let state = EskfState { drag: settings.drag, ..state };
         Self { settings, state, p, pending: Pending::new(state.r_body_to_ned), steps: 0 }
     }
 

@@ -22,7 +22,6 @@ fn silent() -> EskfSettings {
         wind_sigma: 0.0,
         wind_walk: 0.0,
         airspeed_scale_sigma: 0.0,
-        drag: 0.3,
         drag_sigma: 0.0,
         gate_sigma: 5.0,
     }

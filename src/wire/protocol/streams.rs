@@ -519,7 +519,7 @@ mod tests {
             let mut meter = RateMeter::for_rate(hz);
             meter.begin(Stamp::from_micros(phase_us));
             let step = 1e6 / hz;
-            for i in 0..(hz * 10.0) as i64 {
+            for i in 0..=(hz * 10.0) as i64 {
                 meter.count(Stamp::from_micros(phase_us + (i as f64 * step) as i64));
             }
             let rate = meter.rate(Stamp::from_micros(phase_us + 10_000_000)).unwrap();
