@@ -10,25 +10,16 @@
 #[path = "../tests/support/observing.rs"]
 mod observing;
 
-use std::f64::consts::PI;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::Parser;
-use holdover::geo::so3;
-use holdover::observer::{FusiniParams, GripParams, Scheme};
+use holdover::observer::{FusiniParams, GripParams, Scheme, TranslationGains};
 use holdover::sim::scenario::Scenario;
 use holdover::sim::{FixedWing, NoiseLevels, Trajectory};
 use indicatif::{ProgressBar, ProgressStyle};
-use nalgebra::Vector3;
-use observing::{Observer, Point, Run, rms, run, wrong_by};
+use observing::{FAST_S, Observer, Run, cessna, measure, run, wrong_by, wrong_yaw};
 use serde::Serialize;
 
-/// Steady state is from here on, s.
-const STEADY_S: f64 = 120.0;
-/// The yaw of the start is wrong by this, rad.
-const YAW_ERROR: f64 = 160.0 * PI / 180.0;
-/// The bias has converged when its error stays below this, °/s.
-const BIAS_BOUND_DPS: f64 = 0.1;
 /// An attitude has been found when its error is below this, °.
 const FOUND_DEG: f64 = 5.0;
 /// Start-up runs last this long, s.
@@ -154,7 +145,12 @@ struct Variant {
     params: GripParams,
 }
 
-fn variants() -> [Variant; 5] {
+/// What to use on this flight.
+fn tuned() -> GripParams {
+    GripParams { gains: TranslationGains::soft(), ..GripParams::km() }
+}
+
+fn variants() -> [Variant; 6] {
     let isp = Scheme::InterSample;
     let published = |params| GripParams { gate: None, min_magnetic_sine: 0.0, ..params };
     [
@@ -180,14 +176,21 @@ fn variants() -> [Variant; 5] {
             params: published(GripParams::km().position_only()),
         },
         Variant {
-            name: "tuned: KM, gated fast start of 30 s",
+            name: "KM with a gated fast start of 30 s",
             scheme: isp,
             velocity: true,
             start: Some(GripParams::start_up()),
             params: GripParams::km(),
         },
         Variant {
-            name: "tuned, GNSS position only",
+            name: "tuned: soft position gains as well",
+            scheme: isp,
+            velocity: true,
+            start: Some(GripParams { gains: tuned().gains, ..GripParams::start_up() }),
+            params: tuned(),
+        },
+        Variant {
+            name: "KM, fast start, GNSS position only",
             scheme: isp,
             velocity: false,
             start: Some(GripParams::start_up().position_only()),
@@ -196,49 +199,18 @@ fn variants() -> [Variant; 5] {
     ]
 }
 
-/// The paper's noise: no accelerometer bias, no hard iron.
-fn paper_levels() -> NoiseLevels {
-    NoiseLevels {
-        // 1.41 °/s long.
-        gyro_bias: Vector3::new(1.0, -0.6, 0.8).map(f64::to_radians),
-        accel_bias: Vector3::zeros(),
-        magnetometer_bias_t: Vector3::zeros(),
-        ..NoiseLevels::tactical()
-    }
-}
-
-/// Roll, pitch, yaw (°), position (m), velocity (m/s), and when the bias has converged (s; infinite when it has not).
-fn measure(points: &[Point]) -> [f64; 6] {
-    let euler = |i: usize| rms(points, STEADY_S, |p| p.euler[i]).to_degrees();
-    let bound = BIAS_BOUND_DPS.to_radians();
-    let last_out = points.iter().rposition(|p| p.bias > bound);
-    let converged = match last_out {
-        None => 0.0,
-        Some(i) => points.get(i + 1).map_or(f64::INFINITY, |p| p.t),
-    };
-    [
-        euler(0),
-        euler(1),
-        euler(2),
-        rms(points, STEADY_S, |p| p.position.norm()),
-        rms(points, STEADY_S, |p| p.velocity.norm()),
-        converged,
-    ]
-}
-
 fn steady(seeds: &[u64]) -> Vec<SteadyRow> {
     let scenario = Scenario::cessna();
-    let start = so3::exp(&Vector3::new(0.0, 0.0, YAW_ERROR)) * scenario.at(0.0).r_body_to_ned;
+    let start = wrong_yaw(&scenario);
     let variants = variants();
     let jobs: Vec<(&Variant, u64)> =
         variants.iter().flat_map(|v| seeds.iter().map(move |s| (v, *s))).collect();
     let results = all("Cessna flight", &jobs, |(variant, seed)| {
         let what = Run {
-            environment: scenario.environment,
             scheme: variant.scheme,
             with_gnss_velocity: variant.velocity,
-            staged_s: if variant.start.is_some() { 30.0 } else { 0.0 },
-            ..Run::new(&scenario, paper_levels(), *seed, scenario.duration_s)
+            staged_s: if variant.start.is_some() { FAST_S } else { 0.0 },
+            ..cessna(&scenario, *seed)
         };
         let then = Observer::Grip(variant.params);
         let first = Observer::Grip(variant.start.unwrap_or(variant.params));

@@ -5,9 +5,10 @@
 mod observing;
 
 use holdover::observer::*;
+use holdover::sim::scenario::Scenario;
 use holdover::sim::*;
 use nalgebra::Vector3;
-use observing::{Observer, Run, rms, run, settled, wrong_by};
+use observing::{FAST_S, Observer, Run, cessna, measure, rms, run, settled, wrong_by, wrong_yaw};
 
 fn circle() -> FixedWing {
     FixedWing::circle(300.0, 25.0, 120.0, 40.0, 70.0)
@@ -104,6 +105,22 @@ fn a_latency_of_200_ms_costs_next_to_nothing() {
 fn position_alone_is_enough_for_grip() {
     let [angle, position, velocity] = grip_staged(|run| run.with_gnss_velocity = false);
     assert!(angle < 3.0 && position < 2.5 && velocity < 1.0, "{angle} {position} {velocity}");
+}
+
+#[test]
+fn grip_flies_its_papers_flight_as_well_as_can_be_asked() {
+    let scenario = Scenario::cessna();
+    let gains = TranslationGains::soft();
+    let first = Observer::Grip(GripParams { gains, ..GripParams::start_up() });
+    let then = Observer::Grip(GripParams { gains, ..GripParams::km() });
+    for seed in 1..=4 {
+        let what = Run { staged_s: FAST_S, ..cessna(&scenario, seed) };
+        let got = measure(&run(&what, &first, &then, wrong_yaw(&scenario)));
+        println!("roll, pitch, yaw deg, p m, v m/s, bias s: {got:.3?}");
+        for (got, most) in got.iter().zip([0.1, 0.1, 0.3, 1.0, 0.2, 75.0]) {
+            assert!(*got <= most, "{got} {most}");
+        }
+    }
 }
 
 /// Two minutes of dead reckoning after two with GNSS, 20° off at the start: drift in % of distance, and RMS yaw of the last minute in °.

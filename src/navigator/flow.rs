@@ -269,7 +269,7 @@ impl Navigator {
         let Some(v_gnss) = self.gnss_velocity(m) else { return Verdict::Rejected(Reason::NoReferenceYet) };
         // While an observer still finds its heading from this very flow, its error would be learned as the flow's misalignment.
         let settled = self.modes.seconds_since_attitude(m.time) > self.settings.observer.start_s;
-        if self.kalman.is_none() && !settled {
+        if self.kalman.is_none() && self.magnetic.is_none() && !settled {
             return Verdict::Used;
         }
         self.filter_bias(m, index);
@@ -293,12 +293,16 @@ impl Navigator {
         Verdict::Used
     }
 
-    /// What the filter's own doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s².
+    /// What the doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s². Observers without a magnetometer have
+    /// their heading from this very flow: whatever it is turned by, they agree with it.
     fn heading_doubt(&self, v_gnss: &Vector2<f64>) -> Matrix2<f64> {
         let across = Vector2::new(-v_gnss.y, v_gnss.x);
-        self.kalman
-            .as_ref()
-            .map_or(Matrix2::zeros(), |_| across * across.transpose() * self.attitude_variance().z)
+        let variance = match &self.kalman {
+            Some(_) => self.attitude_variance().z,
+            None if self.magnetic.is_some() => 0.0,
+            None => self.attitude_variance().z,
+        };
+        across * across.transpose() * variance
     }
 
     /// The velocity that GNSS gives when the flow was measured, body x and y, m/s.
@@ -388,9 +392,9 @@ impl Navigator {
         }
     }
 
-    /// Fusini's low pass of the velocity bias.
+    /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
     fn filter_bias(&mut self, m: &Measured, index: usize) {
-        if self.settings.observer.flow_bias == FlowBiasSource::Calibration {
+        if self.settings.observer.flow_bias == FlowBiasSource::Calibration || self.starting(m.time) {
             return;
         }
         let (Some(state), Some((_, v_ned))) = (&self.state, self.predicted(m.time)) else { return };

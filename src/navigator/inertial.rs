@@ -20,6 +20,10 @@ use super::solution::{Carrier, Mode};
 use super::verdict::{Reason, Verdict};
 use super::{Navigator, Place};
 
+/// The interval that Grip's printed gains are for, s. Jitter makes no second step of it.
+const PRINTED_STEP_S: f64 = 0.012;
+/// The rate that Fusini's are for, Hz.
+const PRINTED_RATE_HZ: f64 = 300.0;
 /// A vehicle that hears no magnetometer for this long starts without, s.
 const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
 
@@ -89,6 +93,8 @@ impl Navigator {
             let velocity = if printed { flow_body } else { self.carried_velocity_body(state, s.time) };
             // The velocity triad needs a measured direction: the carried velocity would only agree with itself.
             let reference = match magnetic {
+                // As printed; its gains would turn the attitude over by the magnetic triad.
+                _ if printed && flow_body.is_some() => AttitudeReference::FlowVelocity,
                 Some(pair) => AttitudeReference::Magnetic(pair),
                 None if flow_body.is_some() => AttitudeReference::FlowVelocity,
                 None => AttitudeReference::None,
@@ -106,28 +112,31 @@ impl Navigator {
                 reference,
                 k_p_override: (!printed).then_some(k_p),
             };
-            return fusini_step(&self.fusini, state, &input);
+            return fusini_step(&self.at_rate(&self.fusini, dt), state, &input);
         }
         let signal = self.signal();
+        let starting = self.starting(s.time);
         if let Some(pair) = magnetic {
-            let (position_error_ned, velocity_error_ned) = signal
-                .map_or((Vector3::zeros(), Vector3::zeros()), |w| {
-                    w.errors(&state.position_ned, &state.velocity_ned)
-                });
-            let input = GripInput {
-                dt_s: dt,
-                angular_rate_body: s.angular_rate_body,
-                specific_force_body: s.specific_force_body,
-                gravity_ned: place.gravity_ned,
-                earth_rate_ned: place.earth_rate_ned,
-                magnetic: Some(pair),
-                position_error_ned,
-                velocity_error_ned,
-            };
-            let starting = self.modes.mode() == Mode::Aligning
-                || self.modes.seconds_since_attitude(s.time) < self.settings.observer.start_s;
             let params = if starting { &self.grip_start } else { &self.grip };
-            return grip::step(params, state, &input).ok();
+            // The printed gains are for 100 Hz: a slower stream is held for several steps, at which they do not diverge.
+            let n = if printed { (dt / PRINTED_STEP_S).ceil().clamp(1.0, 100.0) } else { 1.0 };
+            let mut report = None;
+            for _ in 0..n as u32 {
+                let (position_error_ned, velocity_error_ned) = signal
+                    .map_or_else(Default::default, |w| w.errors(&state.position_ned, &state.velocity_ned));
+                let input = GripInput {
+                    dt_s: dt / n,
+                    angular_rate_body: s.angular_rate_body,
+                    specific_force_body: s.specific_force_body,
+                    gravity_ned: place.gravity_ned,
+                    earth_rate_ned: place.earth_rate_ned,
+                    magnetic: Some(pair),
+                    position_error_ned,
+                    velocity_error_ned,
+                };
+                report = Some(grip::step(params, state, &input).ok()?);
+            }
+            return report;
         }
         let input = FusiniInput {
             dt_s: dt,
@@ -140,7 +149,24 @@ impl Navigator {
             reference: AttitudeReference::FlowVelocity,
             k_p_override: None,
         };
-        fusini_step(&self.fusini, state, &input)
+        let params = if starting { &self.fusini_start } else { &self.fusini };
+        fusini_step(&self.at_rate(params, dt), state, &input)
+    }
+
+    /// The printed forms with as many sub-steps as their rate asks for.
+    fn at_rate(&self, params: &FusiniParams, dt: f64) -> FusiniParams {
+        match self.settings.estimator {
+            Estimator::NloPrinted => {
+                FusiniParams { sub_steps: (dt * PRINTED_RATE_HZ).round().clamp(1.0, 100.0) as u32, ..*params }
+            }
+            _ => *params,
+        }
+    }
+
+    /// Whether the observers are still looking for the attitude, with gains to match.
+    pub(super) fn starting(&self, now: ApTime) -> bool {
+        self.modes.mode() == Mode::Aligning
+            || self.modes.seconds_since_attitude(now) < self.settings.observer.start_s
     }
 
     /// The measurement signal, its vertical part from the height filter.

@@ -82,6 +82,8 @@ pub struct Navigator {
     /// Grip's observer while aligning: fast gains.
     grip_start: GripParams,
     fusini: FusiniParams,
+    /// The same for Fusini's observer with GNSS.
+    fusini_start: FusiniParams,
     place: Option<Place>,
     decimal_year: f64,
     /// `None` until the attitude has a first guess.
@@ -154,11 +156,13 @@ impl Navigator {
             flow_bias_time_constant_s: settings.observer.flow_bias_time_s,
             ..fusini
         };
+        let fusini_start = if printed { fusini } else { fusini.starting() };
         let scheme = if printed { Scheme::Hold } else { Scheme::InterSample };
         Self {
             grip,
             grip_start,
             fusini,
+            fusini_start,
             place: None,
             decimal_year: DEFAULT_YEAR,
             state: None,

@@ -28,6 +28,10 @@ use super::settings::Estimator;
 use super::solution::{Carrier, Mode};
 use super::{Navigator, Place};
 
+/// The second stage has no states for what comes with motion (gyro scale, vibration, the sampling of the stream): its white noise, as a
+/// multiple of the shipped filter's, stands for all of it.
+const NOISE_FACTOR: f64 = 3.0;
+
 /// The second stage, and when it was last fed.
 #[derive(Clone, Debug)]
 pub(super) struct SecondStage {
@@ -75,8 +79,8 @@ impl Navigator {
         };
         let k = &self.settings.kalman;
         let settings = XkfSettings {
-            gyro_noise: k.gyro_noise,
-            accel_noise: k.accel_noise,
+            gyro_noise: NOISE_FACTOR * k.gyro_noise,
+            accel_noise: NOISE_FACTOR * k.accel_noise,
             gyro_bias_walk: k.gyro_bias_walk,
             accel_bias_walk: k.accel_bias_walk,
             flow_bias_time_constant_s: self.fusini.flow_bias_time_constant_s,

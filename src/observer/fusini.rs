@@ -95,11 +95,22 @@ impl FusiniParams {
         }
     }
 
-    /// The first half minute from an unknown attitude: as [`Self::tuned`] with K_P = I, k_I = 0.1 and a
-    /// magnetic triad that is used nearer to where it degenerates. Leave the flow bias alone
+    /// The first half minute from an unknown attitude: as [`Self::tuned`] with K_P = I, a gate that closes later (with k_I = 0.1 and a
+    /// threshold of 0.5 one start in a hundred takes 20 s; so, of 2000 starts the slowest takes 8.5 s), and a magnetic triad that is used nearer to where it degenerates. Leave the flow bias alone
     /// ([`update_flow_bias`]) until it is over: it would swallow the attitude error and keep it.
     pub fn start_up() -> Self {
-        Self { k_p: Vector3::repeat(1.0), k_i: 0.1, min_magnetic_sine: 0.1, ..Self::tuned() }
+        Self::tuned().starting()
+    }
+
+    /// These parameters with the gains and the gate of [`Self::start_up`].
+    pub fn starting(self) -> Self {
+        Self {
+            k_p: Vector3::repeat(1.0),
+            k_i: 0.05,
+            min_magnetic_sine: 0.1,
+            gate: Some(Gate { threshold: 0.4, ..Gate::standard() }),
+            ..self
+        }
     }
 }
 

@@ -194,6 +194,7 @@ impl Xkf {
                 self.p.fixed_columns_mut::<6>(BW).fill(0.0);
             }
         }
+        self.no_negative_variance();
     }
 
     /// A position component (y4; with axis 2 the altimeter's y1), NED, m. The model is linear: the innovation is y − p, or, for a late
@@ -352,6 +353,7 @@ impl Xkf {
         // For a scalar, Joseph's form is P − P hᵀ h P/s.
         self.p -= ph * (ph / s).transpose();
         self.p = 0.5 * (self.p + self.p.transpose());
+        self.no_negative_variance();
         Ok(XkfCorrection {
             position_ned: dx.fixed_rows::<3>(P).into_owned(),
             velocity_ned: dx.fixed_rows::<3>(V).into_owned(),
@@ -369,6 +371,16 @@ impl Xkf {
             Ok((ph, s))
         } else {
             Err(Gated(normalised))
+        }
+    }
+
+    /// After absurd samples the numbers are so large that rounding alone makes a variance negative.
+    fn no_negative_variance(&mut self) {
+        for i in 0..STATES {
+            // NaN stays: it has to be seen.
+            if self.p[(i, i)] < 0.0 {
+                self.p[(i, i)] = 0.0;
+            }
         }
     }
 

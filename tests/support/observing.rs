@@ -1,9 +1,14 @@
 //! An observer flown on closed-form truth. Shared by the tests of convergence and the `paper_observers` example.
 #![allow(dead_code, reason = "the tests and the example each use their part")]
+#![allow(
+    clippy::unwrap_used,
+    reason = "simulated sensors are finite and timely: anything else is a fault of the simulation"
+)]
 
 use holdover::geo::so3;
 use holdover::observer::attitude::MagneticPair;
 use holdover::observer::*;
+use holdover::sim::scenario::Scenario;
 use holdover::sim::*;
 use holdover::time::{ApTime, Span};
 use nalgebra::{Matrix3, Vector3};
@@ -206,4 +211,53 @@ pub fn wrong_by(truth: &Matrix3<f64>, angle_deg: f64, seed: u64) -> Matrix3<f64>
         }
     };
     truth * so3::exp(&(axis * angle_deg.to_radians()))
+}
+
+/// Steady state is from here on, s.
+pub const STEADY_S: f64 = 120.0;
+/// The yaw of the start is wrong by this, rad.
+pub const YAW_ERROR: f64 = 160.0 * std::f64::consts::PI / 180.0;
+/// The bias has converged when its error stays below this, °/s.
+pub const BIAS_BOUND_DPS: f64 = 0.1;
+/// Fast start-up parameters are in force for this long, s.
+pub const FAST_S: f64 = 30.0;
+
+/// The flight of Grip, Section V.
+pub fn cessna(scenario: &Scenario, seed: u64) -> Run<'_> {
+    Run { environment: scenario.environment, ..Run::new(scenario, paper_levels(), seed, scenario.duration_s) }
+}
+
+/// Its start: the true attitude turned about the vertical.
+pub fn wrong_yaw(scenario: &Scenario) -> Matrix3<f64> {
+    so3::exp(&Vector3::new(0.0, 0.0, YAW_ERROR)) * scenario.at(0.0).r_body_to_ned
+}
+
+/// The paper's noise: no accelerometer bias, no hard iron.
+pub fn paper_levels() -> NoiseLevels {
+    NoiseLevels {
+        // 1.41 °/s long.
+        gyro_bias: Vector3::new(1.0, -0.6, 0.8).map(f64::to_radians),
+        accel_bias: Vector3::zeros(),
+        magnetometer_bias_t: Vector3::zeros(),
+        ..NoiseLevels::tactical()
+    }
+}
+
+/// Roll, pitch, yaw (°), position (m), velocity (m/s), and when the bias has converged (s; infinite when it has not).
+pub fn measure(points: &[Point]) -> [f64; 6] {
+    let euler = |i: usize| rms(points, STEADY_S, |p| p.euler[i]).to_degrees();
+    let bound = BIAS_BOUND_DPS.to_radians();
+    let last_out = points.iter().rposition(|p| p.bias > bound);
+    let converged = match last_out {
+        None => 0.0,
+        Some(i) => points.get(i + 1).map_or(f64::INFINITY, |p| p.t),
+    };
+    [
+        euler(0),
+        euler(1),
+        euler(2),
+        rms(points, STEADY_S, |p| p.position.norm()),
+        rms(points, STEADY_S, |p| p.velocity.norm()),
+        converged,
+    ]
 }
