@@ -51,21 +51,20 @@ fn airspeed_carries_a_wing_in_wind() {
     let wind = Vector3::new(4.0, -3.0, 0.0);
     let scenario = Scenario::legs().with_wind(wind);
     let suite = SensorSuite { flow: None, airspeed: Some(AirspeedModel::pitot()), ..SensorSuite::mems() };
-    let mut sums = [0.0; 2];
     for seed in 1..=3 {
-        let with = fly(scenario.clone(), suite, seed, (400.0, 700.0), &[]);
+        let with = fly(scenario.clone(), suite, seed, (400.0, 520.0), &[]);
         assert_eq!(with.solution.mode, Mode::Holdover);
         assert_eq!(with.solution.carrier, Carrier::Airspeed);
-        assert!(with.error_m < 120.0, "seed {seed}: {} m of 8 km", with.error_m);
+        assert!(with.error_m < 50.0, "seed {seed}: {} m of 3.2 km", with.error_m);
         assert!(with.error_m < 3.0 * with.solution.horizontal_sigma_m(), "seed {seed}: {}", with.error_m);
         let found = with.navigator.filter_state().unwrap().wind_ne;
         assert!((found - wind.xy()).norm() < 1.0, "seed {seed}: wind {found}");
         assert!(with.navigator.nis().of(Measured::Airspeed).fused > 1000);
-        let without = fly(scenario.clone(), suite, seed, (400.0, 700.0), &["airspeed.use=false"]);
-        sums[0] += with.error_m;
-        sums[1] += without.error_m;
+        // Such an IMU coasts well for two minutes, but who coasts cannot know that.
+        let without = fly(scenario.clone(), suite, seed, (400.0, 520.0), &["airspeed.use=false"]);
+        assert_eq!((without.solution.mode, without.solution.carrier), (Mode::Lost, Carrier::Inertial));
+        assert!(without.solution.horizontal_sigma_m() > 2.0 * with.solution.horizontal_sigma_m());
     }
-    assert!(sums[1] > 3.0 * sums[0], "{sums:?}");
 }
 
 #[test]
