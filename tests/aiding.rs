@@ -77,7 +77,12 @@ fn rotor_drag_carries_a_multirotor() {
         let drag = with.navigator.filter_state().unwrap().drag;
         assert!((drag - 0.3).abs() < 0.06, "seed {seed}: {drag}");
         let without = fly(Scenario::square(), suite, seed, (150.0, 270.0), &["drag.use=false"]);
-        assert!(without.error_m > 4.0 * with.error_m, "seed {seed}: {} and {}", without.error_m, with.error_m);
+        assert!(
+            without.error_m > 4.0 * with.error_m,
+            "seed {seed}: {} and {}",
+            without.error_m,
+            with.error_m
+        );
         assert_ne!(without.solution.carrier, Carrier::Drag);
     }
 }

@@ -80,6 +80,7 @@ struct Streams {
 #[serde(deny_unknown_fields)]
 struct Imu {
     max_gap_ms: f64,
+    bridge_ms: f64,
     samples: String,
 }
 
@@ -350,6 +351,7 @@ impl Raw {
         NavigatorSettings {
             estimator: o.estimator,
             imu_instantaneous: self.imu.samples == "instants",
+            imu_bridge_s: self.imu.bridge_ms * 1e-3,
             imu_max_gap_s: self.imu.max_gap_ms * 1e-3,
             magnetometer: self.magnetometer.r#use,
             magnetometer_norm_error: self.magnetometer.max_norm_error,

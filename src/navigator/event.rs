@@ -45,6 +45,8 @@ pub enum What {
     BaroStep(f64),
     /// The filter was started anew from the observer; their attitudes were this far apart, rad.
     FilterRestarted(f64),
+    /// The filter was carried over a hole in the IMU stream, s.
+    Bridged(f64),
     /// GNSS heights are rejected (true), or used again (false).
     GnssHeightRejected(bool),
 }
@@ -103,6 +105,7 @@ impl fmt::Display for What {
             What::FilterRestarted(apart) => {
                 write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
             }
+            What::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
             What::GnssHeightRejected(true) => write!(f, "GNSS height rejected"),
             What::GnssHeightRejected(false) => write!(f, "GNSS height used again"),
         }

@@ -26,6 +26,8 @@ const PRINTED_STEP_S: f64 = 0.012;
 const PRINTED_RATE_HZ: f64 = 300.0;
 /// A vehicle that hears no magnetometer for this long starts without, s.
 const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
+/// A step longer than this leaves room for what was not seen, s.
+const LONG_STEP_S: f64 = 0.1;
 
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
@@ -44,8 +46,15 @@ impl Navigator {
         self.last_imu = Some(s.time);
         self.trust.check(s.time);
         if dt > self.settings.imu_max_gap_s {
-            self.broken_off(s.time, Why::ImuGap(dt));
+            if !self.bridge(s, dt) {
+                self.broken_off(s.time, Why::ImuGap(dt));
+            }
             return Verdict::Used;
+        }
+        if dt > LONG_STEP_S
+            && let Some(kalman) = &mut self.kalman
+        {
+            kalman.doubt(dt);
         }
         let Some(place) = self.place.clone() else {
             return Verdict::Rejected(Reason::NoReferenceYet);

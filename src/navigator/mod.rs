@@ -8,6 +8,7 @@
 
 mod aiding;
 pub mod air;
+mod bridge;
 pub mod budget;
 pub mod drag;
 pub mod event;

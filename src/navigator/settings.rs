@@ -66,8 +66,10 @@ impl Estimator {
 pub struct NavigatorSettings {
     /// What navigates.
     pub estimator: Estimator,
-    /// A longer hole in the IMU stream ends the navigation, s.
+    /// A longer hole in the IMU stream interrupts the navigation, s.
     pub imu_max_gap_s: f64,
+    /// The filter is carried over holes up to this, s.
+    pub imu_bridge_s: f64,
     /// IMU samples are values of an instant, as autopilots stream them, and not means over the interval before.
     pub imu_instantaneous: bool,
     /// Use the magnetometer.

@@ -125,8 +125,11 @@ impl Scenario {
     /// Its rotors' drag is 0.3 of the velocity a second. GNSS goes for two minutes in the middle.
     pub fn square() -> Self {
         let (side, up) = (60.0, -30.0);
-        let mut hops =
-            Hops::new(Vector3::zeros(), 0.0).with_drag(0.3).wait(20.0).to(Vector3::new(0.0, 0.0, up), 12.0).wait(10.0);
+        let mut hops = Hops::new(Vector3::zeros(), 0.0)
+            .with_drag(0.3)
+            .wait(20.0)
+            .to(Vector3::new(0.0, 0.0, up), 12.0)
+            .wait(10.0);
         let corners = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
         for k in 0..12 {
             let (north, east) = corners[k % 4];

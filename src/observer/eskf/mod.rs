@@ -276,6 +276,16 @@ impl Eskf {
         self.p[(index, index)] = sigma * sigma;
     }
 
+    /// Something unknown happened: adds these standard deviations of attitude (rad), position (m) and velocity (m/s) per axis.
+    pub fn doubt(&mut self, attitude: f64, position: f64, velocity: f64) {
+        self.carry();
+        for (block, sigma) in [(THETA, attitude), (P, position), (V, velocity)] {
+            for i in block..block + 3 {
+                self.p[(i, i)] += sigma * sigma;
+            }
+        }
+    }
+
     /// One IMU sample over `dt` s: mean angular rate (rad/s) and specific force (m/s²), body; gravity and Earth rate, NED.
     /// Returns the acceleration in NED that was integrated, m/s².
     pub fn predict(
