@@ -11,6 +11,8 @@ use serde::Serialize;
 use crate::geo::so3::Euler;
 use crate::metrics::AidedReport;
 use crate::metrics::outage::OutageReport;
+use crate::navigator::Navigator;
+use crate::navigator::nis::Measured;
 use crate::navigator::settings::Estimator;
 use crate::navigator::solution::Solution;
 use crate::replay::log::{Log, LogSummary};
@@ -212,6 +214,8 @@ fn print_report(
     let (latency, sigma) = runner.pipeline.navigator.gnss_latency_s();
     outln!("  GNSS latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
 
+    print_innovations(&runner.pipeline.navigator);
+
     let against = match r.reference {
         ReferenceKind::Truth => "the simulator's truth",
         ReferenceKind::Gnss => "GNSS",
@@ -251,6 +255,24 @@ fn print_report(
                 o.sent_messages.to_string(),
             ]);
         }
+        table.print();
+    }
+}
+
+/// How likely what the filter took was: 1 is honest.
+fn print_innovations(navigator: &Navigator) {
+    let mut table = Table::new(&["", "fused", "gated", "mean NIS"]);
+    let mut any = false;
+    for kind in Measured::ALL {
+        let count = navigator.nis().of(kind);
+        if count.fused + count.gated > 0 {
+            any = true;
+            let mean = number(count.mean(), 2);
+            table.row(vec![kind.label().into(), count.fused.to_string(), count.gated.to_string(), mean]);
+        }
+    }
+    if any {
+        outln!("\nInnovations of the filter (normalised squares: 1 is honest, more is over-confident)");
         table.print();
     }
 }
