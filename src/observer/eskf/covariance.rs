@@ -11,7 +11,6 @@ use crate::geo::so3::hat;
 
 /// Symmetric, of the error state.
 pub(super) type Covariance = SMatrix<f64, STATES, STATES>;
-type Rows3 = SMatrix<f64, 3, STATES>;
 type Rows9 = SMatrix<f64, 9, STATES>;
 
 /// What the error moves by, summed over the samples since the covariance was carried last.
@@ -70,40 +69,41 @@ impl Pending {
         self.load_squared += load * load * dt;
     }
 
-    /// P ← Φ P Φᵀ + Q.
-    pub(super) fn carry(&self, p: &mut Covariance, settings: &EskfSettings) {
+    /// P ← Φ P Φᵀ + Q. False when what came of it is not finite.
+    pub(super) fn carry(&self, p: &mut Covariance, settings: &EskfSettings) -> bool {
         let dt = self.dt;
         let turn_t = self.turn.transpose();
         // A gyro error acts in the axes of its own moment: those of the end and of the beginning, half and half.
         let by_bias = (turn_t + Matrix3::identity()) * (0.5 * dt);
         let by_scale = (turn_t + Matrix3::identity()) * 0.5 * Matrix3::from_diagonal(&self.angle);
         let tilt = hat(&self.impulse_ned) * self.r_start;
+        let phi = Phi { dt, turn_t, by_bias, by_scale, tilt, rotation: self.rotation };
         let mut u = Rows9::zeros();
-        {
-            let rows = |at: usize| -> Rows3 { p.fixed_rows::<3>(at).into_owned() };
-            let (theta, velocity) = (rows(THETA), rows(V));
-            let pulled = tilt * theta;
-            u.fixed_rows_mut::<3>(THETA)
-                .copy_from(&(turn_t * theta - by_bias * rows(BG) - by_scale * rows(SG)));
-            u.fixed_rows_mut::<3>(P).copy_from(&(rows(P) + velocity * dt - pulled * (0.5 * dt)));
-            u.fixed_rows_mut::<3>(V).copy_from(&(velocity - pulled - self.rotation * rows(BA)));
+        for (to, from) in u.data.0.iter_mut().zip(&p.data.0) {
+            *to = phi.times(|i| from[i]);
         }
-        // U Φᵀ in the columns of θ, p and v.
-        let columns = |at: usize| -> SMatrix<f64, 9, 3> { u.fixed_columns::<3>(at).into_owned() };
-        let (theta, velocity) = (columns(THETA), columns(V));
-        let pulled = theta * tilt.transpose();
-        let mut w = SMatrix::<f64, 9, 9>::zeros();
-        w.fixed_columns_mut::<3>(THETA).copy_from(
-            &(theta * self.turn - columns(BG) * by_bias.transpose() - columns(SG) * by_scale.transpose()),
-        );
-        w.fixed_columns_mut::<3>(P).copy_from(&(columns(P) + velocity * dt - pulled * (0.5 * dt)));
-        w.fixed_columns_mut::<3>(V).copy_from(&(velocity - pulled - columns(BA) * self.rotation.transpose()));
-        p.fixed_view_mut::<9, 9>(0, 0).copy_from(&(0.5 * (w + w.transpose())));
-        const REST: usize = STATES - 9;
-        let cross = u.fixed_view::<9, REST>(0, 9).into_owned();
-        p.fixed_view_mut::<9, REST>(0, 9).copy_from(&cross);
-        p.fixed_view_mut::<REST, 9>(9, 0).copy_from(&cross.transpose());
+        // U Φᵀ in the columns of θ, p and v: Φ times the rows of U.
+        let u = &u.data.0;
+        let mut w = [[0.0; 9]; 9];
+        for (i, row) in w.iter_mut().enumerate() {
+            *row = phi.times(|j| u[j][i]);
+        }
+        let mut sum = 0.0;
+        for i in 0..9 {
+            for j in 0..9 {
+                p[(i, j)] = 0.5 * (w[i][j] + w[j][i]);
+                sum += w[i][j];
+            }
+        }
+        for (j, column) in u.iter().enumerate().skip(9) {
+            for (i, value) in column.iter().enumerate() {
+                p[(i, j)] = *value;
+                p[(j, i)] = *value;
+            }
+            sum += column.iter().sum::<f64>();
+        }
         self.add_noise(p, settings);
+        sum.is_finite()
     }
 
     fn add_noise(&self, p: &mut Covariance, s: &EskfSettings) {
@@ -129,6 +129,31 @@ impl Pending {
                 p[(i, i)] += density * density * self.dt;
             }
         }
+    }
+}
+
+/// Φ, the rows of θ, p and v: the others are those of the identity.
+struct Phi {
+    dt: f64,
+    turn_t: Matrix3<f64>,
+    by_bias: Matrix3<f64>,
+    by_scale: Matrix3<f64>,
+    tilt: Matrix3<f64>,
+    rotation: Matrix3<f64>,
+}
+
+impl Phi {
+    /// Φ x, by the components of x. One vector at a time stays in registers.
+    #[inline(always)]
+    fn times(&self, x: impl Fn(usize) -> f64) -> [f64; 9] {
+        let three = |at: usize| Vector3::new(x(at), x(at + 1), x(at + 2));
+        let (theta, velocity) = (three(THETA), three(V));
+        let pulled = self.tilt * theta;
+        let turned = self.turn_t * theta - self.by_bias * three(BG) - self.by_scale * three(SG);
+        let position = three(P) + velocity * self.dt - pulled * (0.5 * self.dt);
+        let faster = velocity - pulled - self.rotation * three(BA);
+        let ([a, b, c], [d, e, f], [g, h, i]) = (turned.into(), position.into(), faster.into());
+        [a, b, c, d, e, f, g, h, i]
     }
 }
 

@@ -184,6 +184,8 @@ pub struct Eskf {
     p: Covariance,
     pending: Pending,
     steps: u32,
+    /// What the covariance became last was finite.
+    sound: bool,
 }
 
 impl Eskf {
@@ -208,7 +210,7 @@ impl Eskf {
         }
         p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
         p[(DRAG, DRAG)] = settings.drag_sigma.powi(2);
-        Self { settings, state, p, pending: Pending::new(state.r_body_to_ned), steps: 0 }
+        Self { settings, state, p, pending: Pending::new(state.r_body_to_ned), steps: 0, sound: true }
     }
 
     /// The nominal state.
@@ -242,9 +244,9 @@ impl Eskf {
         self.p.fixed_view::<2, 2>(WIND, WIND).into_owned()
     }
 
-    /// Whether everything is finite.
+    /// Whether everything is finite. The covariance's part of it is found where the covariance changes, which is not at every sample.
     pub fn is_finite(&self) -> bool {
-        self.state.is_finite() && self.p.sum().is_finite()
+        self.sound && self.state.is_finite()
     }
 
     /// Moves the origin: positions become smaller by `moved`.
@@ -325,7 +327,7 @@ impl Eskf {
     /// Brings the covariance up to the nominal state.
     fn carry(&mut self) {
         if self.pending.dt > 0.0 {
-            self.pending.carry(&mut self.p, &self.settings);
+            self.sound &= self.pending.carry(&mut self.p, &self.settings);
             self.pending = Pending::new(self.state.r_body_to_ned);
         }
     }
@@ -351,6 +353,8 @@ impl Eskf {
     /// A scalar update.
     fn fuse(&mut self, h: &Row, innovation: f64, variance: f64) -> Result<Correction, Gated> {
         let (s, ph) = self.gate(h, innovation, variance)?;
+        // The gate has seen that s is finite.
+        self.sound &= ph.sum().is_finite();
         reduce(&mut self.p, &ph, s);
         let dx = ph * (innovation / s);
         self.inject(&dx);
