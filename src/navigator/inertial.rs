@@ -21,7 +21,7 @@ use super::verdict::{Reason, Verdict};
 use super::{Navigator, Place};
 
 /// A vehicle that hears no magnetometer for this long starts without, s.
-const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
+pub(super) const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
 
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
@@ -202,6 +202,8 @@ impl Navigator {
         self.height.predict(dt, -acceleration.z);
         self.look_for_rest(s);
         self.feel_drag(s, dt);
+        self.lead_observer(s.time);
+        self.seek_heading(s, dt);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);
     }
@@ -238,6 +240,8 @@ impl Navigator {
         self.predictor.clear();
         self.kalman = None;
         self.xkf = None;
+        self.heading = None;
+        self.heading_by_motion = false;
         self.flow_body = None;
         self.range = None;
         self.last_sample = None;
