@@ -47,6 +47,10 @@ pub enum What {
     FilterRestarted(f64),
     /// The filter was carried over a hole in the IMU stream, s.
     Bridged(f64),
+    /// There is no magnetometer: the heading is sought in the vehicle's accelerations.
+    HeadingSought,
+    /// Motion has shown the heading; its standard deviation, rad.
+    HeadingFound(f64),
     /// GNSS heights are rejected (true), or used again (false).
     GnssHeightRejected(bool),
 }
@@ -68,6 +72,8 @@ pub enum Why {
     Coasted(f64),
     /// The IMU was silent, s.
     ImuGap(f64),
+    /// A heading that was found from motion does not fit what GNSS shows.
+    HeadingWrong,
     /// The autopilot rebooted.
     Reboot,
     /// The observer's state was no longer finite.
@@ -84,6 +90,7 @@ impl fmt::Display for Why {
             Why::Uncertain(sigma) => write!(f, "uncertainty {sigma:.0} m"),
             Why::Coasted(s) => write!(f, "{s:.0} s without velocity"),
             Why::ImuGap(s) => write!(f, "IMU silent for {s:.1} s"),
+            Why::HeadingWrong => write!(f, "heading from motion does not fit"),
             Why::Reboot => write!(f, "autopilot rebooted"),
             Why::Broken => write!(f, "estimate not finite"),
         }
@@ -106,6 +113,10 @@ impl fmt::Display for What {
                 write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
             }
             What::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
+            What::HeadingSought => write!(f, "no magnetometer: heading from GNSS acceleration, needs motion"),
+            What::HeadingFound(sigma) => {
+                write!(f, "heading found from motion, +- {:.0} deg", sigma.to_degrees())
+            }
             What::GnssHeightRejected(true) => write!(f, "GNSS height rejected"),
             What::GnssHeightRejected(false) => write!(f, "GNSS height used again"),
         }

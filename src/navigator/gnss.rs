@@ -108,6 +108,7 @@ impl Navigator {
             Mode::Aligning | Mode::Aided | Mode::Rejoining => {
                 self.predictor.apply(&innovation);
                 let accuracy = [claimed, s.speed_accuracy_mps.unwrap_or(0.0).max(LEAST_SPEED_SIGMA)];
+                self.weigh_headings(now, measured, velocity_ne, accuracy[1]);
                 self.fuse_fix(now, measured, &e_p, e_v.as_ref(), accuracy);
             }
         }

@@ -25,7 +25,7 @@ const PRINTED_STEP_S: f64 = 0.012;
 /// The rate that Fusini's are for, Hz.
 const PRINTED_RATE_HZ: f64 = 300.0;
 /// A vehicle that hears no magnetometer for this long starts without, s.
-const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
+pub(super) const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
 /// A step longer than this leaves room for what was not seen, s.
 const LONG_STEP_S: f64 = 0.1;
 
@@ -237,6 +237,8 @@ impl Navigator {
         self.height.predict(dt, -acceleration.z);
         self.look_for_rest(s);
         self.feel_drag(s, dt);
+        self.lead_observer(s.time);
+        self.seek_heading(s, dt);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);
     }
@@ -273,6 +275,8 @@ impl Navigator {
         self.predictor.clear();
         self.kalman = None;
         self.xkf = None;
+        self.heading = None;
+        self.heading_by_motion = false;
         self.flow_body = None;
         self.range = None;
         self.last_sample = None;

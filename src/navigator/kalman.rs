@@ -9,7 +9,7 @@ use crate::observer::eskf::{Correction, Eskf, EskfSettings, EskfState, Gated, La
 use crate::time::{ApTime, Span};
 
 use super::Navigator;
-use super::event::What;
+use super::event::{What, Why};
 use super::nis::Measured;
 use super::settings::Estimator;
 use super::solution::Mode;
@@ -34,6 +34,20 @@ pub(super) const DISAGREEMENT: f64 = 0.35;
 pub(super) const DISAGREEMENT_S: f64 = 5.0;
 /// tr(RᵀR̂) above this is an angle far below that, however little orthonormal R̂ is.
 const NEARLY_THE_SAME: f64 = 2.95;
+
+/// Standard deviations of what the filter starts from: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s).
+pub(super) struct StartSigmas {
+    pub(super) tilt: f64,
+    pub(super) yaw: f64,
+    pub(super) velocity: f64,
+    pub(super) gyro_bias: f64,
+}
+
+impl StartSigmas {
+    /// Of an observer that has found the attitude.
+    const OBSERVED: Self =
+        Self { tilt: START_TILT, yaw: START_YAW, velocity: START_VELOCITY, gyro_bias: START_GYRO_BIAS };
+}
 
 /// The filter and when it was last fed.
 #[derive(Clone, Debug)]
@@ -73,6 +87,11 @@ impl Navigator {
 
     /// Starts the filter from the observer.
     pub(super) fn start_kalman(&mut self, now: ApTime) {
+        self.start_kalman_as(now, &StartSigmas::OBSERVED);
+    }
+
+    /// Starts the filter from the observer's state, known this well.
+    pub(super) fn start_kalman_as(&mut self, now: ApTime, known: &StartSigmas) {
         if !self.settings.estimator.has_filter() {
             return;
         }
@@ -89,10 +108,10 @@ impl Navigator {
         let (settings, flow) = self.kalman_settings();
         let sigma = StartSigma {
             // Yaw stands on NED's z axis; body axes take their share of it.
-            attitude_body: r.tr_mul(&Vector3::new(START_TILT, START_TILT, START_YAW)).abs(),
+            attitude_body: r.tr_mul(&Vector3::new(known.tilt, known.tilt, known.yaw)).abs(),
             position_ned: Vector3::new(gnss, gnss, self.height.height_sigma_m().max(HEIGHT_SIGMA_M)),
-            velocity_ned: Vector3::repeat(START_VELOCITY),
-            gyro_bias: Vector3::repeat(START_GYRO_BIAS),
+            velocity_ned: Vector3::repeat(known.velocity),
+            gyro_bias: Vector3::repeat(known.gyro_bias),
             accel_bias: Vector3::repeat(START_ACCEL_BIAS),
             flow,
         };
@@ -177,8 +196,10 @@ impl Navigator {
 
     /// The observer watches: attitudes that stay apart while GNSS is good mean that the filter has gone astray.
     fn watch(&mut self, now: ApTime) {
+        // An observer that follows the filter has nothing to say about it.
+        let watching = self.modes.mode() == Mode::Aided && !self.led(now);
         let (Some(kalman), Some(state)) = (&mut self.kalman, &self.state) else { return };
-        if self.modes.mode() != Mode::Aided {
+        if !watching {
             kalman.disagree_since = None;
             return;
         }
@@ -242,6 +263,10 @@ impl Navigator {
         }
         if locked_out && self.modes.mode() == Mode::Aided {
             // GNSS is trusted and the filter will not have it: then the filter is wrong.
+            if self.led(now) {
+                // The observer knows no better: it only follows.
+                return self.broken_off(now, Why::HeadingWrong);
+            }
             let apart = e_p.norm();
             self.take_fix_over();
             self.start_kalman(now);

@@ -2,7 +2,8 @@
 //!
 //! While GNSS is trusted, Grip's observer (IMU, GNSS, magnetometer) estimates attitude, gyro bias, position and velocity, the height
 //! filter the height, and every flow sensor is compared with GNSS. When the observer has found the attitude it starts the error-state
-//! filter, whose estimate is published from then on, and watches it. When GNSS is lost, the filter goes on with flow, magnetometer and
+//! filter, whose estimate is published from then on, and watches it. Without magnetometer and flow a bank of filters finds the heading from
+//! motion and starts it, and nothing watches. When GNSS is lost, the filter goes on with flow, magnetometer and
 //! height and its covariance grows; beside it Fusini's dead-reckoning observer goes on from Grip's state with the gyro bias frozen, which is
 //! what is published where the observers navigate alone (`nlo`), with an error budget. [`modes`] says when.
 
@@ -14,6 +15,7 @@ pub mod drag;
 pub mod event;
 mod flow;
 mod gnss;
+mod heading;
 pub mod history;
 mod inertial;
 mod kalman;
@@ -34,7 +36,7 @@ use crate::altimeter::HeightFilter;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
 use crate::observer::eskf::EskfState;
 use crate::observer::fusini::FlowBiasForm;
-use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
+use crate::observer::{FusiniParams, GripParams, HeadingBank, ObserverState, Predictor, Scheme};
 use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
 
@@ -93,6 +95,10 @@ pub struct Navigator {
     kalman: Option<Kalman>,
     /// The second stage over the observer, for `xkf`.
     xkf: Option<SecondStage>,
+    /// Seeks the heading while there is no magnetometer.
+    heading: Option<HeadingBank>,
+    /// The heading that is flown on came from there.
+    heading_by_motion: bool,
     predictor: Predictor,
     scheme: Scheme,
     history: History,
@@ -169,6 +175,8 @@ impl Navigator {
             state: None,
             kalman: None,
             xkf: None,
+            heading: None,
+            heading_by_motion: false,
             predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros()),
             scheme,
             history: History::new(HISTORY_SAMPLES),

@@ -99,9 +99,15 @@ impl Navigator {
         match self.modes.mode {
             Mode::Aligning => {
                 let found = self.modes.attitude_found(now, &self.settings.observer);
-                if found && trusted && self.height.height_m().is_some() {
+                if !trusted || self.height.height_m().is_none() {
+                    return;
+                }
+                if found {
                     self.take_fix_over();
                     self.start_kalman(now);
+                    self.change_mode(now, Mode::Aided, Why::Aligned);
+                } else if let Some(estimate) = self.heading_found() {
+                    self.align_by_motion(now, &estimate);
                     self.change_mode(now, Mode::Aided, Why::Aligned);
                 }
             }

@@ -18,6 +18,7 @@ pub mod euler_model;
 pub mod fusini;
 pub mod gains;
 pub mod grip;
+pub mod heading_bank;
 pub mod history;
 pub mod predictor;
 pub mod state;
@@ -29,5 +30,6 @@ pub use fusini::{Aiding, AttitudeReference, FusiniBiases, FusiniInput, FusiniPar
 pub use gains::{DeadReckoningGains, TranslationGains};
 pub use grip::{GripInput, GripParams};
 pub use predictor::{FixSample, Innovation, Predictor, Scheme, Signal};
+pub use heading_bank::{BankVerdict, HeadingBank, HeadingBankSettings, HeadingEstimate};
 pub use state::{ObserverState, StepRefusal, StepReport};
 pub use xkf::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};

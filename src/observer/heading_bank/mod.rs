@@ -1,0 +1,487 @@
+//! Heading from motion: a bank of small filters at hypothesised headings, for a vehicle without magnetometer and without flow.
+//!
+//! Gravity shows the tilt; north shows as soon as the vehicle accelerates horizontally, since the acceleration that the accelerometers
+//! feel in body axes has to be the one that GNSS sees in NED. Far from the true heading that is no linear problem, so a single filter cannot be
+//! started anywhere; a Gaussian sum can: N hypotheses ψ_i = 2π i/N, each of them an error-state Kalman filter over tilt, heading, horizontal
+//! velocity and gyro bias (see `hypothesis`), and weighed by how likely it made the GNSS velocities z_k,
+//!
+//! w_i ∝ w_i · N(z_k − v_i; 0, S_i),  heading = Σ w_i ψ_i,  variance = Σ w_i (P_i + (ψ_i − ψ)²).
+//!
+//! Sources: Alspach, Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", IEEE TAC 17(4), 1972, (15)-(19), for the
+//! weights and the moments; the use for the heading of a vehicle without compass follows the idea of PX4's EKF-GSF yaw estimator, which has three states
+//! a hypothesis and takes the tilt from a complementary filter. Here the tilt is estimated, too: a complementary filter takes the
+//! specific force of a banked turn for the vertical, and a bank that starts in one would never learn better.
+//!
+//! A fix is old when it comes, so the bank stays behind: samples wait in a ring until a fix of their time has come, and the estimate
+//! is carried over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
+
+mod hypothesis;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use crate::geo::so3;
+use crate::time::{ApTime, Span};
+use hypothesis::{Hypothesis, StartDoubt};
+
+/// Hypotheses: 22.5° apart.
+const HYPOTHESES: usize = 16;
+/// Standard deviation of a hypothesis over the distance to the next: their sum is then nearly flat.
+const OVERLAP: f64 = 0.6;
+/// Samples that may wait: 2 s at 500 Hz.
+const WAITING: usize = 1024;
+/// The specific force is averaged over this long before the tilt is read off it, s; at least over …
+const LEVELLING_S: f64 = 0.3;
+/// … this much of it, s.
+const LEAST_LEVELLING_S: f64 = 0.05;
+/// Below this part of gravity the specific force has no direction worth taking.
+const LEAST_FORCE: f64 = 0.3;
+/// Tilt error of a vehicle whose specific force looks like gravity, rad.
+const LEAST_TILT: f64 = 0.1;
+/// The covariance is carried this often when no fix comes, s.
+const CARRY_S: f64 = 0.5;
+/// The errors of GNSS velocities go on for this long, s: fixes that come faster are worth less each.
+const CORRELATION_S: f64 = 0.3;
+/// No hypothesis is ever less likely than this: what was wrongly given up can come back.
+const LEAST_WEIGHT: f64 = 1e-6;
+/// A fix that surprises all hypotheses by more than this many (squared) sigmas is an outlier …
+const GATE_NIS: f64 = 30.0;
+/// … unless so many come in a row: then it is the bank that is wrong, and it starts anew.
+const OUTLIERS: u32 = 10;
+/// Time constant of the mean turn rate and of the mean surprise, s.
+const MEAN_S: f64 = 5.0;
+/// Mean surprise (squared sigmas of two components: 2 in the mean) above which the bank does not know what it is doing.
+const DOUBTFUL_NIS: f64 = 6.0;
+/// Longest time between two fixes, s: after it the bank starts anew.
+const LONGEST_GAP_S: f64 = 10.0;
+
+/// Noise and what is known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingBankSettings {
+    /// Gyro noise density, rad/s/√Hz; covers what an accelerometer bias does to the tilt, too.
+    pub gyro_noise: f64,
+    /// The same that comes with rotation: density over angular rate, √s.
+    pub gyro_rate_noise: f64,
+    /// Accelerometer noise density, m/s²/√Hz.
+    pub accel_noise: f64,
+    /// Standard deviation of the gyro bias at the start, rad/s.
+    pub gyro_bias_sigma: f64,
+    /// Random walk of the gyro bias, rad/s/√s.
+    pub gyro_bias_walk: f64,
+    /// The heading is found when its standard deviation stays below this, rad …
+    pub found_sigma: f64,
+    /// … for this long, s.
+    pub found_s: f64,
+}
+
+impl HeadingBankSettings {
+    /// For small MEMS sensors.
+    pub const fn standard() -> Self {
+        Self {
+            gyro_noise: 0.002,
+            gyro_rate_noise: 0.015,
+            accel_noise: 0.05,
+            gyro_bias_sigma: 0.02,
+            gyro_bias_walk: 1e-4,
+            // 10°.
+            found_sigma: 0.1745,
+            found_s: 2.0,
+        }
+    }
+}
+
+/// What the bank makes of it, at the time of the newest IMU sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingEstimate {
+    /// Body → NED.
+    pub r_body_to_ned: Matrix3<f64>,
+    /// Velocity, north and east, m/s.
+    pub velocity_ne: Vector2<f64>,
+    /// Gyro bias, body, rad/s.
+    pub gyro_bias: Vector3<f64>,
+    /// Standard deviation of the heading, rad: 104° when nothing is known.
+    pub heading_sigma: f64,
+    /// Standard deviation of the tilt, the worse of both axes, rad.
+    pub tilt_sigma: f64,
+    /// Standard deviation of the velocity, the worse of both axes, m/s.
+    pub velocity_sigma: f64,
+    /// Standard deviation of the gyro bias, the worst axis, rad/s.
+    pub gyro_bias_sigma: f64,
+}
+
+/// What became of a velocity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BankVerdict {
+    /// It weighed the hypotheses.
+    Used,
+    /// The bank started with it.
+    Started,
+    /// There is no attitude of its time yet, or no specific force to take one from.
+    TooEarly,
+    /// Older than what the bank has seen, or newer than the IMU.
+    Untimely,
+    /// Not finite, or far from what any hypothesis expected.
+    Outlier,
+}
+
+/// An IMU sample that waits for a fix.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    time: ApTime,
+    dt: f64,
+    rate_body: Vector3<f64>,
+    force_body: Vector3<f64>,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct HeadingBank {
+    settings: HeadingBankSettings,
+    gravity_mps2: f64,
+    waiting: VecDeque<Waiting>,
+    bank: Vec<Hypothesis>,
+    /// The time the hypotheses stand at.
+    time: ApTime,
+    last_fix: Option<ApTime>,
+    outliers: u32,
+    mean_nis: f64,
+    /// Mean rate of turn about the vertical, rad/s.
+    turn_rate: f64,
+    latency_sigma_s: f64,
+    settled: Option<Settled>,
+}
+
+/// Since when the heading has been known, and by how much fixes have turned it since.
+#[derive(Clone, Copy, Debug)]
+struct Settled {
+    since: ApTime,
+    turned: f64,
+}
+
+/// The moments of the bank.
+struct Moments {
+    r_body_to_ned: Matrix3<f64>,
+    velocity_ne: Vector2<f64>,
+    gyro_bias: Vector3<f64>,
+    attitude: Matrix3<f64>,
+    velocity: Matrix2<f64>,
+    bias: Matrix3<f64>,
+}
+
+impl HeadingBank {
+    /// A bank that has heard nothing; gravity in m/s².
+    pub fn new(settings: HeadingBankSettings, gravity_mps2: f64) -> Self {
+        Self {
+            settings,
+            gravity_mps2,
+            waiting: VecDeque::with_capacity(WAITING),
+            bank: Vec::with_capacity(HYPOTHESES),
+            time: ApTime::from_micros(0),
+            last_fix: None,
+            outliers: 0,
+            mean_nis: 2.0,
+            turn_rate: 0.0,
+            latency_sigma_s: 0.0,
+            settled: None,
+        }
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.waiting.clear();
+        self.give_up();
+    }
+
+    fn give_up(&mut self) {
+        self.bank.clear();
+        self.last_fix = None;
+        self.outliers = 0;
+        self.mean_nis = 2.0;
+        self.turn_rate = 0.0;
+        self.settled = None;
+    }
+
+    /// An IMU sample: means over the `dt` s before `time`, body axes.
+    pub fn imu(&mut self, time: ApTime, dt: f64, rate_body: &Vector3<f64>, force_body: &Vector3<f64>) {
+        let newest = self.waiting.back().map_or(self.time, |w| w.time);
+        let finite = (rate_body.sum() + force_body.sum()).is_finite();
+        if !finite || dt.is_nan() || dt <= 0.0 || (self.is_running() && time <= newest) {
+            return;
+        }
+        if self.waiting.len() >= WAITING
+            && let Some(first) = self.waiting.pop_front()
+            && self.is_running()
+        {
+            self.propagate(&first);
+        }
+        self.waiting.push_back(Waiting { time, dt, rate_body: *rate_body, force_body: *force_body });
+    }
+
+    /// Whether the bank has started.
+    pub fn is_running(&self) -> bool {
+        !self.bank.is_empty()
+    }
+
+    /// A GNSS velocity of the time `measured` with its standard deviation a component, m/s, and that of its time, s.
+    pub fn velocity(
+        &mut self,
+        measured: ApTime,
+        velocity_ne: &Vector2<f64>,
+        sigma_mps: f64,
+        latency_sigma_s: f64,
+    ) -> BankVerdict {
+        if !(velocity_ne.sum() + sigma_mps + latency_sigma_s).is_finite() {
+            return BankVerdict::Outlier;
+        }
+        let Some(newest) = self.waiting.back().map(|w| w.time) else { return BankVerdict::TooEarly };
+        if measured > newest {
+            return BankVerdict::Untimely;
+        }
+        self.latency_sigma_s = latency_sigma_s.max(0.0);
+        if self.last_fix.is_some_and(|t| measured.seconds_since(t) > LONGEST_GAP_S) {
+            self.give_up();
+        }
+        if !self.is_running() {
+            return self.start(measured, velocity_ne, sigma_mps);
+        }
+        let since_fix = self.last_fix.map_or(0.0, |t| measured.seconds_since(t));
+        if measured < self.time || since_fix <= 0.0 {
+            return BankVerdict::Untimely;
+        }
+        let before = self.mean_velocity();
+        self.advance(measured);
+        let change = self.mean_velocity() - before;
+        self.last_fix = Some(measured);
+        // A misjudged latency is an error along the acceleration.
+        let late = change * (self.latency_sigma_s / since_fix);
+        let white = sigma_mps.powi(2) * (CORRELATION_S / since_fix).max(1.0);
+        let noise = Matrix2::identity() * white + late * late.transpose();
+        let Some(nis) = self.least_surprise(velocity_ne, &noise) else {
+            self.give_up();
+            return BankVerdict::Outlier;
+        };
+        if nis > GATE_NIS {
+            self.outliers += 1;
+            self.settled = None;
+            if self.outliers >= OUTLIERS {
+                self.give_up();
+            }
+            return BankVerdict::Outlier;
+        }
+        self.outliers = 0;
+        self.mean_nis += (since_fix / MEAN_S).min(1.0) * (nis - self.mean_nis);
+        self.weigh(velocity_ne, &noise);
+        BankVerdict::Used
+    }
+
+    /// The newest estimate; `None` before the bank has started.
+    pub fn estimate(&self) -> Option<HeadingEstimate> {
+        let mut m = self.moments()?;
+        let (heading_sigma, tilt_sigma) = (self.heading_sigma_of(&m), worst(m.attitude.diagonal().xy().as_slice()));
+        for w in &self.waiting {
+            let half = so3::exp(&((w.rate_body - m.gyro_bias) * (0.5 * w.dt)));
+            let middle = m.r_body_to_ned * half;
+            m.velocity_ne += (middle * w.force_body).xy() * w.dt;
+            m.r_body_to_ned = middle * half;
+        }
+        Some(HeadingEstimate {
+            r_body_to_ned: so3::nearest_rotation(&m.r_body_to_ned)?,
+            velocity_ne: m.velocity_ne,
+            gyro_bias: m.gyro_bias,
+            heading_sigma,
+            tilt_sigma,
+            velocity_sigma: worst(m.velocity.diagonal().as_slice()),
+            gyro_bias_sigma: worst(m.bias.diagonal().as_slice()),
+        })
+    }
+
+    /// The estimate, if the heading is found: its standard deviation has been small for a while, the fixes of that while have not turned
+    /// it, and they were as likely as they should be.
+    pub fn found(&self) -> Option<HeadingEstimate> {
+        let settled = self.settled?;
+        let long = self.time.seconds_since(settled.since) >= self.settings.found_s;
+        if long && self.mean_nis < DOUBTFUL_NIS { self.estimate() } else { None }
+    }
+
+    /// Starts at the attitude that the specific force shows as if it were gravity; a specific force of another size says by how much it
+    /// may not be: a banked turn and a multirotor that accelerates without climbing lean by acos(g/|f|).
+    fn start(&mut self, measured: ApTime, velocity_ne: &Vector2<f64>, sigma_mps: f64) -> BankVerdict {
+        let from = measured - Span::from_seconds(LEVELLING_S);
+        let mut sum = Vector3::zeros();
+        let mut covered = 0.0;
+        for w in self.waiting.iter().filter(|w| w.time > from && w.time <= measured) {
+            sum += w.force_body * w.dt;
+            covered += w.dt;
+        }
+        if covered < LEAST_LEVELLING_S {
+            return BankVerdict::TooEarly;
+        }
+        let force = sum / covered;
+        let Some(level) = levelled(&force).filter(|_| force.norm() > LEAST_FORCE * self.gravity_mps2) else {
+            return BankVerdict::TooEarly;
+        };
+        let lean = (self.gravity_mps2 / force.norm()).min(1.0).acos();
+        let spacing = TAU / HYPOTHESES as f64;
+        let doubt = StartDoubt {
+            tilt: LEAST_TILT + lean,
+            heading: OVERLAP * spacing,
+            velocity: sigma_mps,
+            gyro_bias: self.settings.gyro_bias_sigma,
+        };
+        self.bank.extend((0..HYPOTHESES).map(|i| {
+            let turn = so3::exp(&Vector3::new(0.0, 0.0, spacing * i as f64));
+            Hypothesis::new(turn * level, *velocity_ne, &doubt)
+        }));
+        while self.waiting.front().is_some_and(|w| w.time <= measured) {
+            self.waiting.pop_front();
+        }
+        if let Some(first) = self.waiting.front_mut() {
+            first.dt = first.dt.min(first.time.seconds_since(measured));
+        }
+        self.time = measured;
+        self.last_fix = Some(measured);
+        BankVerdict::Started
+    }
+
+    /// Moves the hypotheses to `to`, which the newest sample has reached.
+    fn advance(&mut self, to: ApTime) {
+        while let Some(first) = self.waiting.front().copied() {
+            if first.time <= to {
+                self.waiting.pop_front();
+                self.propagate(&first);
+                continue;
+            }
+            let part = to.seconds_since(self.time).min(first.dt);
+            if part > 0.0 {
+                self.propagate(&Waiting { time: to, dt: part, ..first });
+                if let Some(rest) = self.waiting.front_mut() {
+                    rest.dt -= part;
+                }
+            }
+            break;
+        }
+        for h in &mut self.bank {
+            h.carry(&self.settings);
+        }
+    }
+
+    fn propagate(&mut self, w: &Waiting) {
+        for h in &mut self.bank {
+            h.propagate(w.dt, &w.rate_body, &w.force_body, &self.settings);
+        }
+        if let Some(h) = self.bank.first() {
+            let turn_rate = h.r_body_to_ned.row(2).dot(&(w.rate_body - h.gyro_bias).transpose());
+            self.turn_rate += (w.dt / MEAN_S).min(1.0) * (turn_rate - self.turn_rate);
+        }
+        self.time = w.time;
+        if self.last_fix.is_some_and(|t| self.time.seconds_since(t) > CARRY_S) {
+            for h in &mut self.bank {
+                h.carry(&self.settings);
+            }
+        }
+    }
+
+    fn least_surprise(&self, velocity_ne: &Vector2<f64>, noise: &Matrix2<f64>) -> Option<f64> {
+        self.bank.iter().filter_map(|h| h.surprise(velocity_ne, noise)).map(|(nis, _)| nis).reduce(f64::min)
+    }
+
+    fn weigh(&mut self, velocity_ne: &Vector2<f64>, noise: &Matrix2<f64>) {
+        let before = self.moments();
+        for h in &mut self.bank {
+            h.fuse(velocity_ne, noise);
+        }
+        if !self.bank.iter().all(Hypothesis::is_finite) {
+            return self.give_up();
+        }
+        self.normalise();
+        let (Some(before), Some(after)) = (before, self.moments()) else { return };
+        if self.heading_sigma_of(&after) > self.settings.found_sigma {
+            self.settled = None;
+            return;
+        }
+        let turned = twist(&(after.r_body_to_ned * before.r_body_to_ned.transpose()));
+        let settled = self.settled.get_or_insert(Settled { since: self.time, turned: 0.0 });
+        settled.turned += turned;
+        if settled.turned.abs() > self.settings.found_sigma {
+            self.settled = None;
+        }
+    }
+
+    /// The greatest logarithm of a weight becomes 0: the sum then cannot overflow, nor vanish.
+    fn normalise(&mut self) {
+        let best = self.bank.iter().map(|h| h.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let least = LEAST_WEIGHT.ln();
+        for h in &mut self.bank {
+            h.log_weight = (h.log_weight - best).max(least);
+        }
+    }
+
+    /// The hypotheses with their weights, which add up to 1.
+    fn weighted(&self) -> impl Iterator<Item = (f64, &Hypothesis)> {
+        let sum: f64 = self.bank.iter().map(|h| h.log_weight.exp()).sum();
+        self.bank.iter().map(move |h| (h.log_weight.exp() / sum, h))
+    }
+
+    fn mean_velocity(&self) -> Vector2<f64> {
+        self.weighted().fold(Vector2::zeros(), |sum, (w, h)| sum + w * h.velocity_ne)
+    }
+
+    /// Mean and covariance of the sum of Gaussians, about the likeliest hypothesis (Alspach, Sorenson (18)-(19)).
+    fn moments(&self) -> Option<Moments> {
+        let best = self.bank.iter().reduce(|a, b| if b.log_weight > a.log_weight { b } else { a })?;
+        let about = best.r_body_to_ned;
+        let away = |h: &Hypothesis| so3::log(&(h.r_body_to_ned * about.transpose()));
+        let (mut turn, mut bias) = (Vector3::zeros(), Vector3::zeros());
+        for (w, h) in self.weighted() {
+            turn += w * away(h);
+            bias += w * h.gyro_bias;
+        }
+        let velocity_ne = self.mean_velocity();
+        let (mut attitude, mut velocity, mut bias_covariance) =
+            (Matrix3::zeros(), Matrix2::zeros(), Matrix3::zeros());
+        for (w, h) in self.weighted() {
+            let (t, v, b) = (away(h) - turn, h.velocity_ne - velocity_ne, h.gyro_bias - bias);
+            attitude += w * (h.attitude_covariance() + t * t.transpose());
+            velocity += w * (h.velocity_covariance() + v * v.transpose());
+            bias_covariance += w * (h.bias_covariance() + b * b.transpose());
+        }
+        Some(Moments {
+            r_body_to_ned: so3::exp(&turn) * about,
+            velocity_ne,
+            gyro_bias: bias,
+            attitude,
+            velocity,
+            bias: bias_covariance,
+        })
+    }
+
+    /// A velocity that is late by δ in a turn at Ω is the velocity of a vehicle whose heading is off by Ω δ: no likelihood tells these apart.
+    fn heading_sigma_of(&self, m: &Moments) -> f64 {
+        m.attitude[(2, 2)].max(0.0).sqrt().hypot(self.turn_rate * self.latency_sigma_s)
+    }
+}
+
+/// The least rotation that turns the specific force upwards; `None` for none, or when the vehicle hangs on its back exactly.
+fn levelled(force_body: &Vector3<f64>) -> Option<Matrix3<f64>> {
+    let up = -Vector3::z();
+    let direction = force_body.try_normalize(1e-6)?;
+    let axis = direction.cross(&up);
+    let angle = axis.norm().atan2(direction.dot(&up));
+    match axis.try_normalize(1e-9) {
+        Some(axis) => Some(so3::exp(&(axis * angle))),
+        None => (direction.z < 0.0).then(Matrix3::identity),
+    }
+}
+
+/// The rotation about the vertical in a small rotation, rad.
+fn twist(r: &Matrix3<f64>) -> f64 {
+    (r.m21 - r.m12).atan2(r.m11 + r.m22)
+}
+
+fn worst(variances: &[f64]) -> f64 {
+    variances.iter().copied().fold(0.0, f64::max).sqrt()
+}
