@@ -54,6 +54,7 @@ pub struct HeightFilter {
     /// The barometer's rejection began with a step of its own.
     baro_stepped: bool,
     gnss_quiet_s: f64,
+    baro_quiet_s: f64,
 }
 
 const H_BARO: RowVector4<f64> = RowVector4::new(1.0, 0.0, 0.0, 1.0);
@@ -62,6 +63,8 @@ const H_GNSS: RowVector4<f64> = RowVector4::new(1.0, 0.0, 0.0, 0.0);
 const MAX_STEP_S: f64 = 0.1;
 /// Nothing else disputes the height when no GNSS height was used for this long, s.
 const GNSS_QUIET_S: f64 = 2.0;
+/// There is no barometer when none was heard for this long, s.
+const BARO_QUIET_S: f64 = 5.0;
 /// Steps below this are not told from noise, m.
 const STEP_FLOOR_M: f64 = 2.0;
 /// An inertial height that is off by 1 m has a climb rate that is off by this, 1/s.
@@ -80,6 +83,7 @@ impl HeightFilter {
             last_baro_m: None,
             baro_stepped: false,
             gnss_quiet_s: f64::INFINITY,
+            baro_quiet_s: f64::INFINITY,
         }
     }
 
@@ -122,6 +126,7 @@ impl HeightFilter {
             return;
         }
         self.gnss_quiet_s += dt;
+        self.baro_quiet_s += dt;
         let steps = (dt / MAX_STEP_S).ceil().clamp(1.0, 100.0);
         for _ in 0..steps as usize {
             self.predict_step(dt / steps, accel_up);
@@ -145,6 +150,9 @@ impl HeightFilter {
 
     /// A pressure altitude, m, `interval_s` after the last one, measured `age_s` ago.
     pub fn baro(&mut self, altitude_m: f64, interval_s: f64, age_s: f64) -> HeightVerdict {
+        if altitude_m.is_finite() {
+            self.baro_quiet_s = 0.0;
+        }
         if !self.baro_started {
             self.baro_started = true;
             if !self.started {
@@ -221,7 +229,19 @@ impl HeightFilter {
             self.gnss_quiet_s = 0.0;
             return HeightVerdict::Used(0.0);
         }
-        let verdict = self.update(&H_GNSS, height_m + self.x[1] * age_s, sigma);
+        let z = height_m + self.x[1] * age_s;
+        let mut verdict = self.update(&H_GNSS, z, sigma);
+        if matches!(verdict, HeightVerdict::Rejected(_))
+            && z.is_finite()
+            && self.gnss_quiet_s > GNSS_QUIET_S
+            && self.baro_quiet_s > BARO_QUIET_S
+        {
+            // No barometer: nothing but the inertial height says otherwise, and it has gone astray.
+            let innovation = z - self.x[0];
+            self.p[(0, 0)] += innovation * innovation;
+            self.p[(1, 1)] += innovation * innovation * ASTRAY_RATE * ASTRAY_RATE;
+            verdict = self.update(&H_GNSS, z, sigma);
+        }
         if matches!(verdict, HeightVerdict::Used(_)) {
             self.gnss_quiet_s = 0.0;
         }
@@ -279,6 +299,24 @@ mod tests {
             }
         }
         t
+    }
+
+    #[test]
+    fn without_a_barometer_gnss_leads_an_inertial_height_that_went_astray() {
+        let mut f = HeightFilter::new(settings());
+        f.gnss(100.0, 1.0, 0.0);
+        // Ten seconds with a wrong tilt.
+        for _ in 0..1000 {
+            f.predict(0.01, 4.0);
+        }
+        assert!((f.height_m().unwrap() - 300.0).abs() < 20.0);
+        for _ in 0..50 {
+            for _ in 0..10 {
+                f.predict(0.01, 0.0);
+            }
+            f.gnss(100.0, 1.0, 0.0);
+        }
+        assert!((f.height_m().unwrap() - 100.0).abs() < 2.0, "{:?}", f.height_m());
     }
 
     #[test]
