@@ -82,6 +82,8 @@ pub struct StreamSettings {
     pub local_position_hz: f64,
     /// Time and origin.
     pub slow_hz: f64,
+    /// VFR_HUD, which holds the airspeed, Hz.
+    pub airspeed_hz: f64,
     /// How often a message that does not come is asked for again.
     pub retries: u8,
 }

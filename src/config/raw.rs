@@ -73,6 +73,7 @@ struct Streams {
     range_hz: f64,
     local_position_hz: f64,
     slow_hz: f64,
+    airspeed_hz: f64,
     retries: u8,
 }
 
@@ -338,6 +339,7 @@ impl Raw {
                 range_hz: self.streams.range_hz,
                 local_position_hz: self.streams.local_position_hz,
                 slow_hz: self.streams.slow_hz,
+                airspeed_hz: self.streams.airspeed_hz,
                 retries: self.streams.retries,
             },
             statustext: self.outbound.statustext,

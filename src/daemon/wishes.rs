@@ -142,6 +142,8 @@ fn wanted(s: &StreamSettings) -> Vec<WantedStream> {
         (106, s.flow_hz),
         (132, s.range_hz),
         (32, s.local_position_hz),
+        (74, s.airspeed_hz),
+        (1, s.slow_hz),
         (2, s.slow_hz),
         (GPS_GLOBAL_ORIGIN, s.slow_hz),
     ];
@@ -187,7 +189,7 @@ mod tests {
         let asked = asked(&vehicle(AutopilotKind::Px4, 0), 90, &[]);
         assert_eq!(asked[0], (512, 49));
         assert_eq!(asked.iter().find(|a| a.0 == 511), Some(&(511, 105)));
-        for id in [24, 29, 100, 106, 132, 32, 2, 49] {
+        for id in [24, 29, 100, 106, 132, 32, 74, 1, 2, 49] {
             assert!(asked.contains(&(511, id)), "{id}");
         }
         assert!(!asked.contains(&(511, RAW_IMU)), "RAW_IMU of PX4 is in counts");
