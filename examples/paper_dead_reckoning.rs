@@ -110,6 +110,9 @@ struct Flown {
     velocity: NeesCount,
 }
 
+/// A job and what came of it.
+type Outcome = (usize, Result<Vec<Flown>, String>);
+
 #[derive(Serialize)]
 struct Row {
     imu: &'static str,
@@ -258,7 +261,7 @@ fn run(args: &Args) -> Result<Vec<Row>, String> {
         bar.set_style(style);
     }
     let next = AtomicUsize::new(0);
-    let flown: Mutex<Vec<(usize, Result<Vec<Flown>, String>)>> = Mutex::new(Vec::new());
+    let flown: Mutex<Vec<Outcome>> = Mutex::new(Vec::new());
     let workers = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.max(1));
     std::thread::scope(|scope| {
         for _ in 0..workers {

@@ -281,7 +281,8 @@ impl HeadingBank {
     /// The newest estimate; `None` before the bank has started.
     pub fn estimate(&self) -> Option<HeadingEstimate> {
         let mut m = self.moments()?;
-        let (heading_sigma, tilt_sigma) = (self.heading_sigma_of(&m), worst(m.attitude.diagonal().xy().as_slice()));
+        let (heading_sigma, tilt_sigma) =
+            (self.heading_sigma_of(&m), worst(m.attitude.diagonal().xy().as_slice()));
         for w in &self.waiting {
             let half = so3::exp(&((w.rate_body - m.gyro_bias) * (0.5 * w.dt)));
             let middle = m.r_body_to_ned * half;
