@@ -66,8 +66,8 @@ impl Navigator {
         let load = self.last_sample.map_or(f64::INFINITY, |i| i.specific_force_body.norm() / GRAVITY);
         let slipped = (fused.is_ok() && upright && load < MAX_LOAD_G && air.sideslip_sigma_rad > 0.0)
             .then(|| kalman.filter.fuse_sideslip(air.sideslip_sigma_rad * often));
-        let taken = self.note(Measured::Airspeed, fused);
-        let side = slipped.and_then(|f| self.note(Measured::Sideslip, f));
+        let taken = self.nis.note(Measured::Airspeed, fused, |c| c.nis);
+        let side = slipped.and_then(|f| self.nis.note(Measured::Sideslip, f, |c| c.nis));
         let now = self.last_imu.unwrap_or(s.time);
         let moved = self.carry_back(now, taken.iter().chain(side.iter()));
         if self.modes.mode() == Mode::Rejoining {

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
 use crate::geo::so3;
-use crate::observer::eskf::{Correction, Eskf, EskfSettings, EskfState, Gated, Lag, StartSigma};
+use crate::observer::eskf::{Correction, Eskf, EskfSettings, EskfState, Lag, StartSigma};
 use crate::time::{ApTime, Span};
 
 use super::Navigator;
@@ -153,7 +153,7 @@ impl Navigator {
             kalman.height_due = now + Span::from_seconds(HEIGHT_PERIOD_S);
             let innovation = -height - kalman.filter.state().position_ned.z;
             let fused = kalman.filter.fuse_position(2, innovation, HEIGHT_SIGMA_M.powi(2), &Lag::NONE);
-            self.note(Measured::Height, fused);
+            self.nis.note(Measured::Height, fused, |c| c.nis);
         }
         if !self.kalman.as_ref()?.filter.is_finite() {
             self.kalman = None;
@@ -161,20 +161,6 @@ impl Navigator {
         }
         self.watch(now);
         Some(acceleration)
-    }
-
-    /// Counts what became of a scalar measurement.
-    pub(super) fn note(&mut self, kind: Measured, fused: Result<Correction, Gated>) -> Option<Correction> {
-        match fused {
-            Ok(correction) => {
-                self.nis.fused(kind, correction.nis);
-                Some(correction)
-            }
-            Err(_) => {
-                self.nis.gated(kind);
-                None
-            }
-        }
     }
 
     /// A magnetometer vector, body, T: fused every so often. False when it did not fit.
@@ -250,7 +236,7 @@ impl Navigator {
             [Measured::GnssPosition, Measured::GnssPosition, Measured::GnssVelocity, Measured::GnssVelocity];
         let mut corrections = [None; 4];
         for i in 0..4 {
-            corrections[i] = fused[i].and_then(|f| self.note(kinds[i], f));
+            corrections[i] = fused[i].and_then(|f| self.nis.note(kinds[i], f, |c| c.nis));
         }
         let Some(kalman) = &mut self.kalman else { return };
         let taken = corrections.iter().take(2).all(Option::is_some);

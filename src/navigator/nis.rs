@@ -2,6 +2,8 @@
 //!
 //! Where the filter is honest the mean is 1 (each is counted per scalar). Well above: it is too sure of itself. Well below: too cautious.
 
+use crate::observer::eskf::Gated;
+
 /// What was fused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measured {
@@ -85,6 +87,25 @@ impl NisTally {
 
     pub(super) fn gated(&mut self, kind: Measured) {
         self.0[kind as usize].gated += 1;
+    }
+
+    /// Counts what became of a scalar measurement; `nis` reads it from what was fused.
+    pub(super) fn note<T>(
+        &mut self,
+        kind: Measured,
+        fused: Result<T, Gated>,
+        nis: impl Fn(&T) -> f64,
+    ) -> Option<T> {
+        match fused {
+            Ok(correction) => {
+                self.fused(kind, nis(&correction));
+                Some(correction)
+            }
+            Err(_) => {
+                self.gated(kind);
+                None
+            }
+        }
     }
 
     /// Of one kind.

@@ -11,7 +11,6 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::geo::so3;
-use crate::observer::eskf::Gated;
 use crate::observer::xkf::XkfCorrection;
 use crate::observer::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};
 use crate::sample::ImuSample;
@@ -154,7 +153,7 @@ impl Navigator {
             stage.height_due = now + Span::from_seconds(HEIGHT_PERIOD_S);
             let innovation = -height - stage.filter.state().position_ned.z;
             let fused = stage.filter.fuse_position(2, innovation, HEIGHT_SIGMA_M.powi(2));
-            self.note_xkf(Measured::Height, fused);
+            self.nis.note(Measured::Height, fused, |c| c.nis);
         }
         let Some(stage) = &mut self.xkf else { return };
         if let Some(((_, body), field)) = magnetic
@@ -165,20 +164,7 @@ impl Navigator {
             for axis in 0..3 {
                 let Some(stage) = &mut self.xkf else { return };
                 let fused = stage.filter.fuse_direction(&stage.about, axis, body[axis], &field, variance);
-                self.note_xkf(Measured::Magnetometer, fused);
-            }
-        }
-    }
-
-    fn note_xkf(&mut self, kind: Measured, fused: Result<XkfCorrection, Gated>) -> Option<XkfCorrection> {
-        match fused {
-            Ok(correction) => {
-                self.nis.fused(kind, correction.nis);
-                Some(correction)
-            }
-            Err(_) => {
-                self.nis.gated(kind);
-                None
+                self.nis.note(Measured::Magnetometer, fused, |c| c.nis);
             }
         }
     }
@@ -218,7 +204,7 @@ impl Navigator {
             let Some(stage) = &mut self.xkf else { return };
             let innovation = e_p[axis] - moved.position_ned[axis];
             let fused = stage.filter.fuse_position(axis, innovation, accuracy[0].powi(2));
-            match self.note_xkf(Measured::GnssPosition, fused) {
+            match self.nis.note(Measured::GnssPosition, fused, |c| c.nis) {
                 Some(c) => moved.add(&c),
                 None => taken = false,
             }
@@ -228,7 +214,7 @@ impl Navigator {
                 let Some(stage) = &mut self.xkf else { return };
                 let innovation = e_v[axis] - moved.velocity_ned[axis];
                 let fused = stage.filter.fuse_velocity(axis, innovation, accuracy[1].powi(2));
-                if let Some(c) = self.note_xkf(Measured::GnssVelocity, fused) {
+                if let Some(c) = self.nis.note(Measured::GnssVelocity, fused, |c| c.nis) {
                     moved.add(&c);
                 }
             }
