@@ -30,7 +30,11 @@ impl Navigator {
         }
         if self.heading.is_none() {
             let gravity = self.place.as_ref().map_or(9.81, |p| p.gravity_ned.z);
-            self.heading = Some(HeadingBank::new(HeadingBankSettings::standard(), gravity));
+            let settings = HeadingBankSettings {
+                shared_instants: self.settings.imu_instantaneous,
+                ..HeadingBankSettings::standard()
+            };
+            self.heading = Some(HeadingBank::new(settings, gravity));
             self.tell(s.time, What::HeadingSought);
         }
         if let Some(bank) = &mut self.heading {

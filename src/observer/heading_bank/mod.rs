@@ -42,6 +42,8 @@ const LEAST_LEVELLING_S: f64 = 0.05;
 const LEAST_FORCE: f64 = 0.3;
 /// Tilt error of a vehicle whose specific force looks like gravity, rad.
 const LEAST_TILT: f64 = 0.1;
+/// A fix may lie this far ahead of the newest sample, s: it is taken for one of that time.
+const AHEAD_S: f64 = 0.05;
 /// The covariance is carried this often when no fix comes, s.
 const CARRY_S: f64 = 0.5;
 /// The errors of GNSS velocities go on for this long, s: fixes that come faster are worth less each.
@@ -62,6 +64,8 @@ const LONGEST_GAP_S: f64 = 10.0;
 /// Noise and what is known beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadingBankSettings {
+    /// IMU samples are the means of two instants, one of them shared with the sample before. What of a sample is white shows less in them.
+    pub shared_instants: bool,
     /// Gyro noise density, rad/s/√Hz; covers what an accelerometer bias does to the tilt, too.
     pub gyro_noise: f64,
     /// The same that comes with rotation: density over angular rate, √s.
@@ -82,6 +86,7 @@ impl HeadingBankSettings {
     /// For small MEMS sensors.
     pub const fn standard() -> Self {
         Self {
+            shared_instants: false,
             gyro_noise: 0.002,
             gyro_rate_noise: 0.015,
             accel_noise: 0.05,
@@ -135,6 +140,9 @@ struct Waiting {
     dt: f64,
     rate_body: Vector3<f64>,
     force_body: Vector3<f64>,
+    /// Variance of a component from sample to sample: vibration.
+    rate_variance: f64,
+    force_variance: f64,
 }
 
 /// See the module's documentation.
@@ -143,6 +151,7 @@ pub struct HeadingBank {
     settings: HeadingBankSettings,
     gravity_mps2: f64,
     waiting: VecDeque<Waiting>,
+    jitter: Jitter,
     bank: Vec<Hypothesis>,
     /// The time the hypotheses stand at.
     time: ApTime,
@@ -153,6 +162,26 @@ pub struct HeadingBank {
     turn_rate: f64,
     latency_sigma_s: f64,
     settled: Option<Settled>,
+}
+
+/// What of the samples is white, from their second differences: motion is smoother than that.
+#[derive(Clone, Copy, Debug, Default)]
+struct Jitter {
+    last: Option<[(Vector3<f64>, Vector3<f64>); 2]>,
+}
+
+impl Jitter {
+    /// The variances of a component of rate and force that the newest three samples show.
+    fn add(&mut self, rate: &Vector3<f64>, force: &Vector3<f64>, shared_instants: bool) -> (f64, f64) {
+        let newest = (*rate, *force);
+        let Some([a, b]) = self.last.replace(self.last.map_or([newest; 2], |[_, b]| [b, newest])) else {
+            return (0.0, 0.0);
+        };
+        // (1 + 4 + 1) σ² of instants; of their means a half of (1 + 1 + 1 + 1) σ²/2.
+        let share = if shared_instants { 1.0 } else { 6.0 };
+        let of = |a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>| (a - 2.0 * b + c).norm_squared() / (3.0 * share);
+        (of(a.0, b.0, newest.0), of(a.1, b.1, newest.1))
+    }
 }
 
 /// Since when the heading has been known, and by how much fixes have turned it since.
@@ -179,6 +208,7 @@ impl HeadingBank {
             settings,
             gravity_mps2,
             waiting: VecDeque::with_capacity(WAITING),
+            jitter: Jitter::default(),
             bank: Vec::with_capacity(HYPOTHESES),
             time: ApTime::from_micros(0),
             last_fix: None,
@@ -193,6 +223,7 @@ impl HeadingBank {
     /// Forgets all.
     pub fn clear(&mut self) {
         self.waiting.clear();
+        self.jitter = Jitter::default();
         self.give_up();
     }
 
@@ -218,7 +249,15 @@ impl HeadingBank {
         {
             self.propagate(&first);
         }
-        self.waiting.push_back(Waiting { time, dt, rate_body: *rate_body, force_body: *force_body });
+        let (rate_variance, force_variance) = self.jitter.add(rate_body, force_body, self.settings.shared_instants);
+        self.waiting.push_back(Waiting {
+            time,
+            dt,
+            rate_body: *rate_body,
+            force_body: *force_body,
+            rate_variance,
+            force_variance,
+        });
     }
 
     /// Whether the bank has started.
@@ -238,9 +277,10 @@ impl HeadingBank {
             return BankVerdict::Outlier;
         }
         let Some(newest) = self.waiting.back().map(|w| w.time) else { return BankVerdict::TooEarly };
-        if measured > newest {
+        if measured.seconds_since(newest) > AHEAD_S {
             return BankVerdict::Untimely;
         }
+        let measured = measured.min(newest);
         self.latency_sigma_s = latency_sigma_s.max(0.0);
         if self.last_fix.is_some_and(|t| measured.seconds_since(t) > LONGEST_GAP_S) {
             self.give_up();
@@ -371,7 +411,7 @@ impl HeadingBank {
 
     fn propagate(&mut self, w: &Waiting) {
         for h in &mut self.bank {
-            h.propagate(w.dt, &w.rate_body, &w.force_body, &self.settings);
+            h.propagate(w, &self.settings);
         }
         if let Some(h) = self.bank.first() {
             let turn_rate = h.r_body_to_ned.row(2).dot(&(w.rate_body - h.gyro_bias).transpose());
