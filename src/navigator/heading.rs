@@ -86,6 +86,8 @@ impl Navigator {
                 yaw: e.heading_sigma.max(LEAST_YAW),
                 velocity: e.velocity_sigma.max(START_VELOCITY),
                 gyro_bias: e.gyro_bias_sigma,
+                gyro_noise: e.gyro_vibration,
+                accel_noise: e.accel_vibration,
             },
         );
         // What is remembered was remembered at another heading.

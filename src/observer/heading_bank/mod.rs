@@ -116,6 +116,10 @@ pub struct HeadingEstimate {
     pub velocity_sigma: f64,
     /// Standard deviation of the gyro bias, the worst axis, rad/s.
     pub gyro_bias_sigma: f64,
+    /// Noise density that the vibration of the last seconds makes in the gyros, rad/s/√Hz.
+    pub gyro_vibration: f64,
+    /// The same of the accelerometers, m/s²/√Hz.
+    pub accel_vibration: f64,
 }
 
 /// What became of a velocity.
@@ -168,11 +172,19 @@ pub struct HeadingBank {
 #[derive(Clone, Copy, Debug, Default)]
 struct Jitter {
     last: Option<[(Vector3<f64>, Vector3<f64>); 2]>,
+    /// Mean square of the noise densities of rate and force.
+    density: (f64, f64),
 }
 
 impl Jitter {
     /// The variances of a component of rate and force that the newest three samples show.
-    fn add(&mut self, rate: &Vector3<f64>, force: &Vector3<f64>, shared_instants: bool) -> (f64, f64) {
+    fn add(
+        &mut self,
+        dt: f64,
+        rate: &Vector3<f64>,
+        force: &Vector3<f64>,
+        shared_instants: bool,
+    ) -> (f64, f64) {
         let newest = (*rate, *force);
         let Some([a, b]) = self.last.replace(self.last.map_or([newest; 2], |[_, b]| [b, newest])) else {
             return (0.0, 0.0);
@@ -180,7 +192,11 @@ impl Jitter {
         // (1 + 4 + 1) σ² of instants; of their means a half of (1 + 1 + 1 + 1) σ²/2.
         let share = if shared_instants { 1.0 } else { 6.0 };
         let of = |a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>| (a - 2.0 * b + c).norm_squared() / (3.0 * share);
-        (of(a.0, b.0, newest.0), of(a.1, b.1, newest.1))
+        let variance = (of(a.0, b.0, newest.0), of(a.1, b.1, newest.1));
+        let gain = (dt / MEAN_S).min(1.0);
+        self.density.0 += gain * (variance.0 * dt - self.density.0);
+        self.density.1 += gain * (variance.1 * dt - self.density.1);
+        variance
     }
 }
 
@@ -249,7 +265,7 @@ impl HeadingBank {
         {
             self.propagate(&first);
         }
-        let (rate_variance, force_variance) = self.jitter.add(rate_body, force_body, self.settings.shared_instants);
+        let (rate_variance, force_variance) = self.jitter.add(dt, rate_body, force_body, self.settings.shared_instants);
         self.waiting.push_back(Waiting {
             time,
             dt,
@@ -336,6 +352,8 @@ impl HeadingBank {
             tilt_sigma,
             velocity_sigma: worst(m.velocity.diagonal().as_slice()),
             gyro_bias_sigma: worst(m.bias.diagonal().as_slice()),
+            gyro_vibration: self.jitter.density.0.sqrt(),
+            accel_vibration: self.jitter.density.1.sqrt(),
         })
     }
 
