@@ -211,7 +211,9 @@ fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool) -> Vec<String> {
     can.push(match (has(SampleKind::Mag), has(SampleKind::Flow)) {
         (true, _) => "heading from the magnetometer".to_owned(),
         (false, true) => "heading from optical flow against GNSS, while moving (no magnetometer)".to_owned(),
-        (false, false) => "heading from GNSS acceleration: needs motion (neither magnetometer nor optical flow)".to_owned(),
+        (false, false) => {
+            "heading from GNSS acceleration: needs motion (neither magnetometer nor optical flow)".to_owned()
+        }
     });
     can.push(match (has(SampleKind::Flow), has(SampleKind::Range)) {
         (true, true) => "holdover on optical flow, its height from the rangefinder".to_owned(),

@@ -15,13 +15,12 @@ use super::kalman::{START_TILT, START_VELOCITY, StartSigmas};
 use super::solution::Mode;
 
 /// A heading from motion is not believed better than this, rad: what is systematic in a manoeuvre (scale, latency, alignment).
-const LEAST_YAW: f64 = 0.05;
+const LEAST_YAW: f64 = 0.12;
 
 impl Navigator {
     /// An IMU sample for the bank, which lives while the vehicle aligns without a magnetometer.
     pub(super) fn seek_heading(&mut self, s: &ImuSample, dt: f64) {
-        let magnetic =
-            self.magnetic.is_some_and(|(t, _)| s.time.seconds_since(t) < WAIT_FOR_MAGNETOMETER_S);
+        let magnetic = self.magnetic.is_some_and(|(t, _)| s.time.seconds_since(t) < WAIT_FOR_MAGNETOMETER_S);
         // Without a filter nobody carries the heading on: the observers have no direction to hold it by.
         let sought = self.modes.mode() == Mode::Aligning && self.settings.estimator.has_filter() && !magnetic;
         if !sought {

@@ -29,7 +29,7 @@ pub use attitude::{Discretisation, Gate, MagneticPair};
 pub use fusini::{Aiding, AttitudeReference, FusiniBiases, FusiniInput, FusiniParams};
 pub use gains::{DeadReckoningGains, TranslationGains};
 pub use grip::{GripInput, GripParams};
-pub use predictor::{FixSample, Innovation, Predictor, Scheme, Signal};
 pub use heading_bank::{BankVerdict, HeadingBank, HeadingBankSettings, HeadingEstimate};
+pub use predictor::{FixSample, Innovation, Predictor, Scheme, Signal};
 pub use state::{ObserverState, StepRefusal, StepReport};
 pub use xkf::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};

@@ -191,7 +191,9 @@ impl Jitter {
         };
         // (1 + 4 + 1) σ² of instants; of their means a half of (1 + 1 + 1 + 1) σ²/2.
         let share = if shared_instants { 1.0 } else { 6.0 };
-        let of = |a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>| (a - 2.0 * b + c).norm_squared() / (3.0 * share);
+        let of = |a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>| {
+            (a - 2.0 * b + c).norm_squared() / (3.0 * share)
+        };
         let variance = (of(a.0, b.0, newest.0), of(a.1, b.1, newest.1));
         let gain = (dt / MEAN_S).min(1.0);
         self.density.0 += gain * (variance.0 * dt - self.density.0);
@@ -265,7 +267,8 @@ impl HeadingBank {
         {
             self.propagate(&first);
         }
-        let (rate_variance, force_variance) = self.jitter.add(dt, rate_body, force_body, self.settings.shared_instants);
+        let (rate_variance, force_variance) =
+            self.jitter.add(dt, rate_body, force_body, self.settings.shared_instants);
         self.waiting.push_back(Waiting {
             time,
             dt,
@@ -337,7 +340,8 @@ impl HeadingBank {
     /// The newest estimate; `None` before the bank has started.
     pub fn estimate(&self) -> Option<HeadingEstimate> {
         let mut m = self.moments()?;
-        let (heading_sigma, tilt_sigma) = (self.heading_sigma_of(&m), worst(m.attitude.diagonal().xy().as_slice()));
+        let (heading_sigma, tilt_sigma) =
+            (self.heading_sigma_of(&m), worst(m.attitude.diagonal().xy().as_slice()));
         for w in &self.waiting {
             let half = so3::exp(&((w.rate_body - m.gyro_bias) * (0.5 * w.dt)));
             let middle = m.r_body_to_ned * half;

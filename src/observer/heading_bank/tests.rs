@@ -91,7 +91,10 @@ fn all_headings(flight: &dyn Trajectory, begins: &[f64], late_s: f64, duration_s
                 let north_deg = 30.0 * f64::from(i) + 7.0 * seed as f64;
                 let o = fly(&Setup { flight, north_deg, begins_s, seed, late_s, duration_s });
                 let found = o.found_s.unwrap_or_else(|| {
-                    panic!("from {begins_s} s, north {north_deg}, seed {seed}: sigma {}", o.end.0.to_degrees())
+                    panic!(
+                        "from {begins_s} s, north {north_deg}, seed {seed}: sigma {}",
+                        o.end.0.to_degrees()
+                    )
                 });
                 let (error, sigma) = o.at_found.unwrap();
                 latest = latest.max(found);
