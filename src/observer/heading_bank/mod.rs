@@ -16,8 +16,8 @@
 //! is carried over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
 
 mod hypothesis;
-#[cfg(test)]
-mod tests;
+mod jitter;
+mod mixture;
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -27,6 +27,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use crate::geo::so3;
 use crate::time::{ApTime, Span};
 use hypothesis::{Hypothesis, StartDoubt};
+use jitter::Jitter;
+use mixture::{Moments, mean_velocity, normalise};
 
 /// Hypotheses: 22.5° apart.
 const HYPOTHESES: usize = 16;
@@ -48,8 +50,6 @@ const AHEAD_S: f64 = 0.05;
 const CARRY_S: f64 = 0.5;
 /// The errors of GNSS velocities go on for this long, s: fixes that come faster are worth less each.
 const CORRELATION_S: f64 = 0.3;
-/// No hypothesis is ever less likely than this: what was wrongly given up can come back.
-const LEAST_WEIGHT: f64 = 1e-6;
 /// A fix that surprises all hypotheses by more than this many (squared) sigmas is an outlier …
 const GATE_NIS: f64 = 30.0;
 /// … unless so many come in a row: then it is the bank that is wrong, and it starts anew.
@@ -168,55 +168,11 @@ pub struct HeadingBank {
     settled: Option<Settled>,
 }
 
-/// What of the samples is white, from their second differences: motion is smoother than that.
-#[derive(Clone, Copy, Debug, Default)]
-struct Jitter {
-    last: Option<[(Vector3<f64>, Vector3<f64>); 2]>,
-    /// Mean square of the noise densities of rate and force.
-    density: (f64, f64),
-}
-
-impl Jitter {
-    /// The variances of a component of rate and force that the newest three samples show.
-    fn add(
-        &mut self,
-        dt: f64,
-        rate: &Vector3<f64>,
-        force: &Vector3<f64>,
-        shared_instants: bool,
-    ) -> (f64, f64) {
-        let newest = (*rate, *force);
-        let Some([a, b]) = self.last.replace(self.last.map_or([newest; 2], |[_, b]| [b, newest])) else {
-            return (0.0, 0.0);
-        };
-        // (1 + 4 + 1) σ² of instants; of their means a half of (1 + 1 + 1 + 1) σ²/2.
-        let share = if shared_instants { 1.0 } else { 6.0 };
-        let of = |a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>| {
-            (a - 2.0 * b + c).norm_squared() / (3.0 * share)
-        };
-        let variance = (of(a.0, b.0, newest.0), of(a.1, b.1, newest.1));
-        let gain = (dt / MEAN_S).min(1.0);
-        self.density.0 += gain * (variance.0 * dt - self.density.0);
-        self.density.1 += gain * (variance.1 * dt - self.density.1);
-        variance
-    }
-}
-
 /// Since when the heading has been known, and by how much fixes have turned it since.
 #[derive(Clone, Copy, Debug)]
 struct Settled {
     since: ApTime,
     turned: f64,
-}
-
-/// The moments of the bank.
-struct Moments {
-    r_body_to_ned: Matrix3<f64>,
-    velocity_ne: Vector2<f64>,
-    gyro_bias: Vector3<f64>,
-    attitude: Matrix3<f64>,
-    velocity: Matrix2<f64>,
-    bias: Matrix3<f64>,
 }
 
 impl HeadingBank {
@@ -238,13 +194,6 @@ impl HeadingBank {
         }
     }
 
-    /// Forgets all.
-    pub fn clear(&mut self) {
-        self.waiting.clear();
-        self.jitter = Jitter::default();
-        self.give_up();
-    }
-
     fn give_up(&mut self) {
         self.bank.clear();
         self.last_fix = None;
@@ -257,8 +206,9 @@ impl HeadingBank {
     /// An IMU sample: means over the `dt` s before `time`, body axes.
     pub fn imu(&mut self, time: ApTime, dt: f64, rate_body: &Vector3<f64>, force_body: &Vector3<f64>) {
         let newest = self.waiting.back().map_or(self.time, |w| w.time);
+        let late = time <= newest && (self.is_running() || !self.waiting.is_empty());
         let finite = (rate_body.sum() + force_body.sum()).is_finite();
-        if !finite || dt.is_nan() || dt <= 0.0 || (self.is_running() && time <= newest) {
+        if !finite || dt.is_nan() || dt <= 0.0 || late {
             return;
         }
         if self.waiting.len() >= WAITING
@@ -311,9 +261,9 @@ impl HeadingBank {
         if measured < self.time || since_fix <= 0.0 {
             return BankVerdict::Untimely;
         }
-        let before = self.mean_velocity();
+        let before = mean_velocity(&self.bank);
         self.advance(measured);
-        let change = self.mean_velocity() - before;
+        let change = mean_velocity(&self.bank) - before;
         self.last_fix = Some(measured);
         // A misjudged latency is an error along the acceleration.
         let late = change * (self.latency_sigma_s / since_fix);
@@ -339,7 +289,7 @@ impl HeadingBank {
 
     /// The newest estimate; `None` before the bank has started.
     pub fn estimate(&self) -> Option<HeadingEstimate> {
-        let mut m = self.moments()?;
+        let mut m = Moments::of(&self.bank)?;
         let (heading_sigma, tilt_sigma) =
             (self.heading_sigma_of(&m), worst(m.attitude.diagonal().xy().as_slice()));
         for w in &self.waiting {
@@ -452,15 +402,15 @@ impl HeadingBank {
     }
 
     fn weigh(&mut self, velocity_ne: &Vector2<f64>, noise: &Matrix2<f64>) {
-        let before = self.moments();
+        let before = Moments::of(&self.bank);
         for h in &mut self.bank {
             h.fuse(velocity_ne, noise);
         }
         if !self.bank.iter().all(Hypothesis::is_finite) {
             return self.give_up();
         }
-        self.normalise();
-        let (Some(before), Some(after)) = (before, self.moments()) else { return };
+        normalise(&mut self.bank);
+        let (Some(before), Some(after)) = (before, Moments::of(&self.bank)) else { return };
         if self.heading_sigma_of(&after) > self.settings.found_sigma {
             self.settled = None;
             return;
@@ -471,54 +421,6 @@ impl HeadingBank {
         if settled.turned.abs() > self.settings.found_sigma {
             self.settled = None;
         }
-    }
-
-    /// The greatest logarithm of a weight becomes 0: the sum then cannot overflow, nor vanish.
-    fn normalise(&mut self) {
-        let best = self.bank.iter().map(|h| h.log_weight).fold(f64::NEG_INFINITY, f64::max);
-        let least = LEAST_WEIGHT.ln();
-        for h in &mut self.bank {
-            h.log_weight = (h.log_weight - best).max(least);
-        }
-    }
-
-    /// The hypotheses with their weights, which add up to 1.
-    fn weighted(&self) -> impl Iterator<Item = (f64, &Hypothesis)> {
-        let sum: f64 = self.bank.iter().map(|h| h.log_weight.exp()).sum();
-        self.bank.iter().map(move |h| (h.log_weight.exp() / sum, h))
-    }
-
-    fn mean_velocity(&self) -> Vector2<f64> {
-        self.weighted().fold(Vector2::zeros(), |sum, (w, h)| sum + w * h.velocity_ne)
-    }
-
-    /// Mean and covariance of the sum of Gaussians, about the likeliest hypothesis (Alspach, Sorenson (18)-(19)).
-    fn moments(&self) -> Option<Moments> {
-        let best = self.bank.iter().reduce(|a, b| if b.log_weight > a.log_weight { b } else { a })?;
-        let about = best.r_body_to_ned;
-        let away = |h: &Hypothesis| so3::log(&(h.r_body_to_ned * about.transpose()));
-        let (mut turn, mut bias) = (Vector3::zeros(), Vector3::zeros());
-        for (w, h) in self.weighted() {
-            turn += w * away(h);
-            bias += w * h.gyro_bias;
-        }
-        let velocity_ne = self.mean_velocity();
-        let (mut attitude, mut velocity, mut bias_covariance) =
-            (Matrix3::zeros(), Matrix2::zeros(), Matrix3::zeros());
-        for (w, h) in self.weighted() {
-            let (t, v, b) = (away(h) - turn, h.velocity_ne - velocity_ne, h.gyro_bias - bias);
-            attitude += w * (h.attitude_covariance() + t * t.transpose());
-            velocity += w * (h.velocity_covariance() + v * v.transpose());
-            bias_covariance += w * (h.bias_covariance() + b * b.transpose());
-        }
-        Some(Moments {
-            r_body_to_ned: so3::exp(&turn) * about,
-            velocity_ne,
-            gyro_bias: bias,
-            attitude,
-            velocity,
-            bias: bias_covariance,
-        })
     }
 
     /// A velocity that is late by δ in a turn at Ω is the velocity of a vehicle whose heading is off by Ω δ: no likelihood tells these apart.
