@@ -9,6 +9,7 @@
 )]
 
 use holdover::config::{Settings, Sources};
+use holdover::geo::so3;
 use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
 use holdover::navigator::Navigator;
 use holdover::navigator::event::What;
@@ -45,6 +46,7 @@ struct Log {
     /// Time, truth and solution ten times a second.
     states: Vec<(f64, Truth, Solution)>,
     modes: Vec<(f64, Mode)>,
+    events: Vec<(f64, What)>,
 }
 
 fn at(t: f64) -> ApTime {
@@ -69,7 +71,8 @@ fn fly(flight: &Flight<'_>, duration_s: f64, overrides: &[&str]) -> Log {
     // A receiver's position wanders slowly; from fix to fix it is smooth.
     let levels = NoiseLevels { gnss_position_m: Vector3::new(0.3, 0.3, 0.6), ..NoiseLevels::mems() };
     let mut noisy = Noisy::new(levels, flight.seed);
-    let mut log = Log { navigator: navigator(overrides), states: Vec::new(), modes: Vec::new() };
+    let mut log =
+        Log { navigator: navigator(overrides), states: Vec::new(), modes: Vec::new(), events: Vec::new() };
     let step = 1.0 / IMU_HZ as f64;
     for k in 1..=(duration_s * IMU_HZ as f64) as i64 {
         let t = k as f64 * step;
@@ -114,6 +117,7 @@ fn fly(flight: &Flight<'_>, duration_s: f64, overrides: &[&str]) -> Log {
             if let What::Mode { to, .. } = event.what {
                 log.modes.push((t, to));
             }
+            log.events.push((t, event.what));
         }
         if let Some(solution) = log.navigator.solution() {
             let all =
@@ -383,6 +387,64 @@ fn any_first_attitude_is_overcome_within_the_first_minute() {
         let aided = log.modes.iter().find(|(_, m)| *m == Mode::Aided).unwrap().0;
         assert!(aided < 60.0, "{aided}");
     }
+}
+
+const NO_DIRECTION: [&str; 2] = ["magnetometer.use=false", "flow.use=false"];
+
+fn heading_error(truth: &Truth, s: &Solution) -> f64 {
+    so3::log(&(s.r_body_to_ned * truth.r_body_to_ned.transpose())).z
+}
+
+#[test]
+fn without_magnetometer_and_flow_motion_shows_the_heading() {
+    let square = Multirotor::square();
+    let eight = FixedWing::figure_eight(800.0, 400.0, 80.0, 150.0, 30.0, 50.0);
+    let flights: [&dyn Trajectory; 2] = [&square, &eight];
+    let gnss = outage(150.0, 160.0, || Gnss::Silent);
+    for trajectory in flights {
+        for seed in 1..4 {
+            let log = fly(&Flight { trajectory, gnss: &gnss, flow: false, seed }, 240.0, &NO_DIRECTION);
+            let found = |w: &What| matches!(w, What::HeadingFound(sigma) if *sigma < 0.18);
+            let (at, _) = log.events.iter().find(|(_, w)| found(w)).unwrap();
+            assert!(*at < 40.0 && log.mode_at(at + 1.0) == Mode::Aided, "seed {seed}: {at} s");
+            let modes: Vec<Mode> = log.modes.iter().map(|(_, m)| *m).collect();
+            assert_eq!(modes, [Mode::Aided, Mode::Holdover, Mode::Rejoining, Mode::Aided], "{:?}", log.modes);
+            // The observer, which sees nothing, has not interfered.
+            assert!(!log.events.iter().any(|(_, w)| matches!(w, What::FilterRestarted(_) | What::Reset(_))));
+            for (_, truth, s) in log.between(at + 1.0, 240.0) {
+                let (error, sigma) = (heading_error(truth, s), s.attitude_variance.z.sqrt());
+                assert!(
+                    error.abs() < 0.26 && error.abs() < 4.0 * sigma + 0.02,
+                    "seed {seed}: {error} of {sigma}"
+                );
+            }
+            let rms = log.rms(80.0, 150.0, heading_error).to_degrees();
+            assert!(rms < 2.5, "seed {seed}: {rms} deg");
+            let rms = log.rms(80.0, 150.0, |t, s| (s.velocity_ned - t.velocity_ned).norm());
+            // The fixes are 100 ms later than is thought at first.
+            assert!(rms < 0.6, "seed {seed}: {rms} m/s");
+        }
+    }
+}
+
+#[test]
+fn without_motion_there_is_no_heading_and_it_says_so() {
+    let straight = FixedWing::straight(20.0, 100.0, 0.0, 40.0);
+    let hover = Multirotor { hover_s: 1e3, ..Multirotor::square() };
+    let flights: [&dyn Trajectory; 2] = [&straight, &hover];
+    for trajectory in flights {
+        let log = fly(&Flight { trajectory, gnss: &good, flow: false, seed: 8 }, 120.0, &NO_DIRECTION);
+        assert!(log.modes.is_empty(), "{:?}", log.modes);
+        assert!(log.events.iter().any(|(_, w)| *w == What::HeadingSought));
+    }
+}
+
+#[test]
+fn a_magnetometer_is_preferred_to_motion() {
+    let trajectory = Multirotor::square();
+    let log = fly(&Flight { trajectory: &trajectory, gnss: &good, flow: false, seed: 1 }, 60.0, &[]);
+    assert_eq!(log.mode_at(50.0), Mode::Aided);
+    assert!(!log.events.iter().any(|(_, w)| matches!(w, What::HeadingSought | What::HeadingFound(_))));
 }
 
 #[test]

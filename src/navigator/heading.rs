@@ -15,7 +15,7 @@ use super::kalman::{START_TILT, START_VELOCITY, StartSigmas};
 use super::solution::Mode;
 
 /// A heading from motion is not believed better than this, rad: what is systematic in a manoeuvre (scale, latency, alignment).
-const LEAST_YAW: f64 = 0.05;
+const LEAST_YAW: f64 = 0.12;
 
 impl Navigator {
     /// An IMU sample for the bank, which lives while the vehicle aligns without a magnetometer.
@@ -29,7 +29,11 @@ impl Navigator {
         }
         if self.heading.is_none() {
             let gravity = self.place.as_ref().map_or(9.81, |p| p.gravity_ned.z);
-            self.heading = Some(HeadingBank::new(HeadingBankSettings::standard(), gravity));
+            let settings = HeadingBankSettings {
+                shared_instants: self.settings.imu_instantaneous,
+                ..HeadingBankSettings::standard()
+            };
+            self.heading = Some(HeadingBank::new(settings, gravity));
             self.tell(s.time, What::HeadingSought);
         }
         if let Some(bank) = &mut self.heading {
@@ -81,6 +85,8 @@ impl Navigator {
                 yaw: e.heading_sigma.max(LEAST_YAW),
                 velocity: e.velocity_sigma.max(START_VELOCITY),
                 gyro_bias: e.gyro_bias_sigma,
+                gyro_noise: e.gyro_vibration,
+                accel_noise: e.accel_vibration,
             },
         );
         // What is remembered was remembered at another heading.

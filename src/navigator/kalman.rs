@@ -41,12 +41,21 @@ pub(super) struct StartSigmas {
     pub(super) yaw: f64,
     pub(super) velocity: f64,
     pub(super) gyro_bias: f64,
+    /// Noise densities that the gyros (rad/s/√Hz) and accelerometers (m/s²/√Hz) are known to have at least.
+    pub(super) gyro_noise: f64,
+    pub(super) accel_noise: f64,
 }
 
 impl StartSigmas {
     /// Of an observer that has found the attitude.
-    const OBSERVED: Self =
-        Self { tilt: START_TILT, yaw: START_YAW, velocity: START_VELOCITY, gyro_bias: START_GYRO_BIAS };
+    const OBSERVED: Self = Self {
+        tilt: START_TILT,
+        yaw: START_YAW,
+        velocity: START_VELOCITY,
+        gyro_bias: START_GYRO_BIAS,
+        gyro_noise: 0.0,
+        accel_noise: 0.0,
+    };
 }
 
 /// The filter and when it was last fed.
@@ -105,7 +114,9 @@ impl Navigator {
             ..EskfState::moving(r, position_ned, state.velocity_ned, state.gyro_bias)
         };
         let gnss = self.gnss_sigma_m;
-        let (settings, flow) = self.kalman_settings();
+        let (mut settings, flow) = self.kalman_settings();
+        settings.gyro_noise = settings.gyro_noise.max(known.gyro_noise);
+        settings.accel_noise = settings.accel_noise.max(known.accel_noise);
         let sigma = StartSigma {
             // Yaw stands on NED's z axis; body axes take their share of it.
             attitude_body: r.tr_mul(&Vector3::new(known.tilt, known.tilt, known.yaw)).abs(),

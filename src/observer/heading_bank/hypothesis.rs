@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
 
-use super::HeadingBankSettings;
+use super::{HeadingBankSettings, Waiting};
 use crate::geo::so3::{exp, hat, nearest_rotation};
 
 const STATES: usize = 8;
@@ -36,6 +36,8 @@ struct Pending {
     coupling: Matrix3<f64>,
     /// Variance of the attitude from noise, rad².
     attitude_noise: f64,
+    /// Variance of the velocity from noise, m²/s².
+    velocity_noise: f64,
 }
 
 impl Pending {
@@ -46,6 +48,7 @@ impl Pending {
             turned: Matrix3::zeros(),
             coupling: Matrix3::zeros(),
             attitude_noise: 0.0,
+            velocity_noise: 0.0,
         }
     }
 }
@@ -84,18 +87,13 @@ impl Hypothesis {
         }
     }
 
-    /// The mean angular rate and specific force over `dt` s.
-    pub(super) fn propagate(
-        &mut self,
-        dt: f64,
-        rate_body: &Vector3<f64>,
-        force_body: &Vector3<f64>,
-        settings: &HeadingBankSettings,
-    ) {
-        let rate = rate_body - self.gyro_bias;
+    /// The mean angular rate and specific force over an interval.
+    pub(super) fn propagate(&mut self, w: &Waiting, settings: &HeadingBankSettings) {
+        let dt = w.dt;
+        let rate = w.rate_body - self.gyro_bias;
         let half = exp(&(rate * (0.5 * dt)));
         let middle = self.r_body_to_ned * half;
-        let force_ned = middle * force_body;
+        let force_ned = middle * w.force_body;
         self.r_body_to_ned = middle * half;
         self.velocity_ne += dt * force_ned.xy();
         let step = &mut self.pending;
@@ -103,8 +101,11 @@ impl Hypothesis {
         step.turned += middle * dt;
         step.impulse += force_ned * dt;
         step.span_s += dt;
-        step.attitude_noise +=
-            dt * (settings.gyro_noise.powi(2) + settings.gyro_rate_noise.powi(2) * rate.norm_squared());
+        step.attitude_noise += dt
+            * (settings.gyro_noise.powi(2)
+                + settings.gyro_rate_noise.powi(2) * rate.norm_squared()
+                + w.rate_variance * dt);
+        step.velocity_noise += dt * (settings.accel_noise.powi(2) + w.force_variance * dt);
     }
 
     /// Brings the covariance up to the nominal state.
@@ -127,7 +128,7 @@ impl Hypothesis {
             p[(THETA + i, THETA + i)] += q;
             p[(B + i, B + i)] += settings.gyro_bias_walk.powi(2) * step.span_s;
         }
-        let accel = Matrix2::identity() * (settings.accel_noise.powi(2) * step.span_s);
+        let accel = Matrix2::identity() * step.velocity_noise;
         let mut vv = p.fixed_view_mut::<2, 2>(V, V);
         vv += through + accel;
         let mut vt = p.fixed_view_mut::<2, 3>(V, THETA);

@@ -16,8 +16,8 @@
 //! is carried over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
 
 mod hypothesis;
-#[cfg(test)]
-mod tests;
+mod jitter;
+mod mixture;
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -27,6 +27,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use crate::geo::so3;
 use crate::time::{ApTime, Span};
 use hypothesis::{Hypothesis, StartDoubt};
+use jitter::Jitter;
+use mixture::{Moments, mean_velocity, normalise};
 
 /// Hypotheses: 22.5° apart.
 const HYPOTHESES: usize = 16;
@@ -42,12 +44,12 @@ const LEAST_LEVELLING_S: f64 = 0.05;
 const LEAST_FORCE: f64 = 0.3;
 /// Tilt error of a vehicle whose specific force looks like gravity, rad.
 const LEAST_TILT: f64 = 0.1;
+/// A fix may lie this far ahead of the newest sample, s: it is taken for one of that time.
+const AHEAD_S: f64 = 0.05;
 /// The covariance is carried this often when no fix comes, s.
 const CARRY_S: f64 = 0.5;
 /// The errors of GNSS velocities go on for this long, s: fixes that come faster are worth less each.
 const CORRELATION_S: f64 = 0.3;
-/// No hypothesis is ever less likely than this: what was wrongly given up can come back.
-const LEAST_WEIGHT: f64 = 1e-6;
 /// A fix that surprises all hypotheses by more than this many (squared) sigmas is an outlier …
 const GATE_NIS: f64 = 30.0;
 /// … unless so many come in a row: then it is the bank that is wrong, and it starts anew.
@@ -62,6 +64,8 @@ const LONGEST_GAP_S: f64 = 10.0;
 /// Noise and what is known beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadingBankSettings {
+    /// IMU samples are the means of two instants, one of them shared with the sample before. What of a sample is white shows less in them.
+    pub shared_instants: bool,
     /// Gyro noise density, rad/s/√Hz; covers what an accelerometer bias does to the tilt, too.
     pub gyro_noise: f64,
     /// The same that comes with rotation: density over angular rate, √s.
@@ -82,6 +86,7 @@ impl HeadingBankSettings {
     /// For small MEMS sensors.
     pub const fn standard() -> Self {
         Self {
+            shared_instants: false,
             gyro_noise: 0.002,
             gyro_rate_noise: 0.015,
             accel_noise: 0.05,
@@ -111,6 +116,10 @@ pub struct HeadingEstimate {
     pub velocity_sigma: f64,
     /// Standard deviation of the gyro bias, the worst axis, rad/s.
     pub gyro_bias_sigma: f64,
+    /// Noise density that the vibration of the last seconds makes in the gyros, rad/s/√Hz.
+    pub gyro_vibration: f64,
+    /// The same of the accelerometers, m/s²/√Hz.
+    pub accel_vibration: f64,
 }
 
 /// What became of a velocity.
@@ -135,6 +144,9 @@ struct Waiting {
     dt: f64,
     rate_body: Vector3<f64>,
     force_body: Vector3<f64>,
+    /// Variance of a component from sample to sample: vibration.
+    rate_variance: f64,
+    force_variance: f64,
 }
 
 /// See the module's documentation.
@@ -143,6 +155,7 @@ pub struct HeadingBank {
     settings: HeadingBankSettings,
     gravity_mps2: f64,
     waiting: VecDeque<Waiting>,
+    jitter: Jitter,
     bank: Vec<Hypothesis>,
     /// The time the hypotheses stand at.
     time: ApTime,
@@ -162,16 +175,6 @@ struct Settled {
     turned: f64,
 }
 
-/// The moments of the bank.
-struct Moments {
-    r_body_to_ned: Matrix3<f64>,
-    velocity_ne: Vector2<f64>,
-    gyro_bias: Vector3<f64>,
-    attitude: Matrix3<f64>,
-    velocity: Matrix2<f64>,
-    bias: Matrix3<f64>,
-}
-
 impl HeadingBank {
     /// A bank that has heard nothing; gravity in m/s².
     pub fn new(settings: HeadingBankSettings, gravity_mps2: f64) -> Self {
@@ -179,6 +182,7 @@ impl HeadingBank {
             settings,
             gravity_mps2,
             waiting: VecDeque::with_capacity(WAITING),
+            jitter: Jitter::default(),
             bank: Vec::with_capacity(HYPOTHESES),
             time: ApTime::from_micros(0),
             last_fix: None,
@@ -188,12 +192,6 @@ impl HeadingBank {
             latency_sigma_s: 0.0,
             settled: None,
         }
-    }
-
-    /// Forgets all.
-    pub fn clear(&mut self) {
-        self.waiting.clear();
-        self.give_up();
     }
 
     fn give_up(&mut self) {
@@ -208,8 +206,9 @@ impl HeadingBank {
     /// An IMU sample: means over the `dt` s before `time`, body axes.
     pub fn imu(&mut self, time: ApTime, dt: f64, rate_body: &Vector3<f64>, force_body: &Vector3<f64>) {
         let newest = self.waiting.back().map_or(self.time, |w| w.time);
+        let late = time <= newest && (self.is_running() || !self.waiting.is_empty());
         let finite = (rate_body.sum() + force_body.sum()).is_finite();
-        if !finite || dt.is_nan() || dt <= 0.0 || (self.is_running() && time <= newest) {
+        if !finite || dt.is_nan() || dt <= 0.0 || late {
             return;
         }
         if self.waiting.len() >= WAITING
@@ -218,7 +217,16 @@ impl HeadingBank {
         {
             self.propagate(&first);
         }
-        self.waiting.push_back(Waiting { time, dt, rate_body: *rate_body, force_body: *force_body });
+        let (rate_variance, force_variance) =
+            self.jitter.add(dt, rate_body, force_body, self.settings.shared_instants);
+        self.waiting.push_back(Waiting {
+            time,
+            dt,
+            rate_body: *rate_body,
+            force_body: *force_body,
+            rate_variance,
+            force_variance,
+        });
     }
 
     /// Whether the bank has started.
@@ -238,9 +246,10 @@ impl HeadingBank {
             return BankVerdict::Outlier;
         }
         let Some(newest) = self.waiting.back().map(|w| w.time) else { return BankVerdict::TooEarly };
-        if measured > newest {
+        if measured.seconds_since(newest) > AHEAD_S {
             return BankVerdict::Untimely;
         }
+        let measured = measured.min(newest);
         self.latency_sigma_s = latency_sigma_s.max(0.0);
         if self.last_fix.is_some_and(|t| measured.seconds_since(t) > LONGEST_GAP_S) {
             self.give_up();
@@ -252,9 +261,9 @@ impl HeadingBank {
         if measured < self.time || since_fix <= 0.0 {
             return BankVerdict::Untimely;
         }
-        let before = self.mean_velocity();
+        let before = mean_velocity(&self.bank);
         self.advance(measured);
-        let change = self.mean_velocity() - before;
+        let change = mean_velocity(&self.bank) - before;
         self.last_fix = Some(measured);
         // A misjudged latency is an error along the acceleration.
         let late = change * (self.latency_sigma_s / since_fix);
@@ -280,7 +289,7 @@ impl HeadingBank {
 
     /// The newest estimate; `None` before the bank has started.
     pub fn estimate(&self) -> Option<HeadingEstimate> {
-        let mut m = self.moments()?;
+        let mut m = Moments::of(&self.bank)?;
         let (heading_sigma, tilt_sigma) =
             (self.heading_sigma_of(&m), worst(m.attitude.diagonal().xy().as_slice()));
         for w in &self.waiting {
@@ -297,6 +306,8 @@ impl HeadingBank {
             tilt_sigma,
             velocity_sigma: worst(m.velocity.diagonal().as_slice()),
             gyro_bias_sigma: worst(m.bias.diagonal().as_slice()),
+            gyro_vibration: self.jitter.density.0.sqrt(),
+            accel_vibration: self.jitter.density.1.sqrt(),
         })
     }
 
@@ -372,7 +383,7 @@ impl HeadingBank {
 
     fn propagate(&mut self, w: &Waiting) {
         for h in &mut self.bank {
-            h.propagate(w.dt, &w.rate_body, &w.force_body, &self.settings);
+            h.propagate(w, &self.settings);
         }
         if let Some(h) = self.bank.first() {
             let turn_rate = h.r_body_to_ned.row(2).dot(&(w.rate_body - h.gyro_bias).transpose());
@@ -391,15 +402,15 @@ impl HeadingBank {
     }
 
     fn weigh(&mut self, velocity_ne: &Vector2<f64>, noise: &Matrix2<f64>) {
-        let before = self.moments();
+        let before = Moments::of(&self.bank);
         for h in &mut self.bank {
             h.fuse(velocity_ne, noise);
         }
         if !self.bank.iter().all(Hypothesis::is_finite) {
             return self.give_up();
         }
-        self.normalise();
-        let (Some(before), Some(after)) = (before, self.moments()) else { return };
+        normalise(&mut self.bank);
+        let (Some(before), Some(after)) = (before, Moments::of(&self.bank)) else { return };
         if self.heading_sigma_of(&after) > self.settings.found_sigma {
             self.settled = None;
             return;
@@ -410,54 +421,6 @@ impl HeadingBank {
         if settled.turned.abs() > self.settings.found_sigma {
             self.settled = None;
         }
-    }
-
-    /// The greatest logarithm of a weight becomes 0: the sum then cannot overflow, nor vanish.
-    fn normalise(&mut self) {
-        let best = self.bank.iter().map(|h| h.log_weight).fold(f64::NEG_INFINITY, f64::max);
-        let least = LEAST_WEIGHT.ln();
-        for h in &mut self.bank {
-            h.log_weight = (h.log_weight - best).max(least);
-        }
-    }
-
-    /// The hypotheses with their weights, which add up to 1.
-    fn weighted(&self) -> impl Iterator<Item = (f64, &Hypothesis)> {
-        let sum: f64 = self.bank.iter().map(|h| h.log_weight.exp()).sum();
-        self.bank.iter().map(move |h| (h.log_weight.exp() / sum, h))
-    }
-
-    fn mean_velocity(&self) -> Vector2<f64> {
-        self.weighted().fold(Vector2::zeros(), |sum, (w, h)| sum + w * h.velocity_ne)
-    }
-
-    /// Mean and covariance of the sum of Gaussians, about the likeliest hypothesis (Alspach, Sorenson (18)-(19)).
-    fn moments(&self) -> Option<Moments> {
-        let best = self.bank.iter().reduce(|a, b| if b.log_weight > a.log_weight { b } else { a })?;
-        let about = best.r_body_to_ned;
-        let away = |h: &Hypothesis| so3::log(&(h.r_body_to_ned * about.transpose()));
-        let (mut turn, mut bias) = (Vector3::zeros(), Vector3::zeros());
-        for (w, h) in self.weighted() {
-            turn += w * away(h);
-            bias += w * h.gyro_bias;
-        }
-        let velocity_ne = self.mean_velocity();
-        let (mut attitude, mut velocity, mut bias_covariance) =
-            (Matrix3::zeros(), Matrix2::zeros(), Matrix3::zeros());
-        for (w, h) in self.weighted() {
-            let (t, v, b) = (away(h) - turn, h.velocity_ne - velocity_ne, h.gyro_bias - bias);
-            attitude += w * (h.attitude_covariance() + t * t.transpose());
-            velocity += w * (h.velocity_covariance() + v * v.transpose());
-            bias_covariance += w * (h.bias_covariance() + b * b.transpose());
-        }
-        Some(Moments {
-            r_body_to_ned: so3::exp(&turn) * about,
-            velocity_ne,
-            gyro_bias: bias,
-            attitude,
-            velocity,
-            bias: bias_covariance,
-        })
     }
 
     /// A velocity that is late by δ in a turn at Ω is the velocity of a vehicle whose heading is off by Ω δ: no likelihood tells these apart.
