@@ -2,8 +2,8 @@
 
 use crate::altimeter::{HeightVerdict, atmosphere::pressure_altitude_m};
 use crate::sample::{MagSample, PressureSample, RangeDirection, RangeSample};
-
-use crate::time::ApTime;
+use crate::time::{ApTime, Span};
+use nalgebra::Vector3;
 
 use super::Navigator;
 use super::event::What;
@@ -11,6 +11,15 @@ use super::verdict::{Reason, Verdict};
 
 /// A second barometer takes over when the first is silent for this long, s.
 const BARO_SILENCE_S: f64 = 1.0;
+/// What is set against the present, as magnetometer and rangefinder, may be this old, s; a pressure is carried to the present.
+pub(super) const LATE_S: f64 = 0.5;
+const LATE_PRESSURE_S: f64 = 0.6;
+/// A magnetometer that tells the same for this long, s (a slow one is told several times), while the vehicle has turned by this much, rad,
+/// beyond this rate, rad/s, within so long, s, is stuck.
+const STUCK_S: f64 = 0.3;
+const STUCK_TURN: f64 = 0.03;
+const STUCK_RATE: f64 = 0.02;
+const STUCK_LOOK_S: f64 = 2.0;
 /// Steepest tilt at which a range beam still measures the height over ground: cos 60°.
 const RANGE_MIN_COSINE: f64 = 0.5;
 /// The ground may step by this much, m, or this part of the height over it, from one sample to the next …
@@ -37,12 +46,40 @@ impl Navigator {
         if (norm / field.norm() - 1.0).abs() > self.settings.magnetometer_norm_error {
             return Verdict::Rejected(Reason::FieldStrength);
         }
+        if self.is_late(s.time, LATE_S) {
+            return Verdict::Rejected(Reason::Late);
+        }
+        if self.magnetometer_is_stuck(s) {
+            return Verdict::Rejected(Reason::Stuck);
+        }
         self.magnetic = Some((s.time, s.field_body));
         if self.fuse_magnetic(s.time, &s.field_body) {
             Verdict::Used
         } else {
             Verdict::Rejected(Reason::Innovation)
         }
+    }
+
+    /// Whether a sample of this time comes too late for the present.
+    pub(super) fn is_late(&self, time: ApTime, most_s: f64) -> bool {
+        self.last_imu.is_some_and(|now| now.seconds_since(time) > most_s)
+    }
+
+    /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.
+    fn magnetometer_is_stuck(&mut self, s: &MagSample) -> bool {
+        let Some((since, field, known)) = self.magnetic_same.filter(|(_, field, _)| *field == s.field_body)
+        else {
+            self.magnetic_same = Some((s.time, s.field_body, false));
+            return false;
+        };
+        let now = self.last_imu.map_or(s.time, |now| now.min(s.time));
+        let from = since.max(now - Span::from_seconds(STUCK_LOOK_S));
+        let elapsed = now.seconds_since(from);
+        // What turns slower than this may be a gyro's bias.
+        let turned = |w: Vector3<f64>| (w.norm() - STUCK_RATE) * elapsed > STUCK_TURN;
+        let stuck = known || (elapsed > STUCK_S && self.history.mean_rate(from, now).is_some_and(turned));
+        self.magnetic_same = Some((since, field, stuck));
+        stuck
     }
 
     pub(super) fn pressure(&mut self, s: &PressureSample) -> Verdict {
@@ -64,6 +101,9 @@ impl Navigator {
             }
             None => 0.0,
         };
+        if self.is_late(s.time, LATE_PRESSURE_S) {
+            return Verdict::Rejected(Reason::Late);
+        }
         self.pressure = Some((s.time, s.sensor));
         // Before there is a place, a height has no zero.
         if self.place.is_none() {
@@ -88,6 +128,9 @@ impl Navigator {
         }
         if self.range.is_some_and(|(t, _)| s.time < t) {
             return Verdict::Rejected(Reason::OutOfOrder);
+        }
+        if self.is_late(s.time, LATE_S) {
+            return Verdict::Rejected(Reason::Late);
         }
         // At their limits sensors report the limit.
         let outside = |[low, high]: [f64; 2]| s.distance_m <= 1.05 * low || s.distance_m >= 0.98 * high;

@@ -8,6 +8,7 @@ use crate::sample::{Airframe, AirspeedSample};
 use crate::time::ApTime;
 
 use super::Navigator;
+use super::aiding::LATE_S;
 use super::nis::Measured;
 use super::settings::Estimator;
 use super::solution::Mode;
@@ -50,6 +51,9 @@ impl Navigator {
         }
         if self.airspeed.is_some_and(|t| s.time <= t) {
             return Verdict::Rejected(Reason::OutOfOrder);
+        }
+        if self.is_late(s.time, LATE_S) {
+            return Verdict::Rejected(Reason::Late);
         }
         let interval_s = self.airspeed.map_or(SAMPLE_INTERVAL_S, |t| s.time.seconds_since(t));
         self.airspeed = Some(s.time);

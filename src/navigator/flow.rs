@@ -10,6 +10,7 @@ use crate::time::{ApTime, Span};
 
 use super::Navigator;
 use super::event::What;
+use super::history::CORRECTED_S;
 use super::latency::FlowLatency;
 use super::settings::{Estimator, FlowBiasSource};
 use super::solution::Mode;
@@ -21,6 +22,8 @@ const MAX_SENSORS: usize = 8;
 const GATE_SIGMA: f64 = 5.0;
 /// … unless they go on for this long, s: then it is the velocity that is wrong.
 const RELOCK_S: f64 = 1.0;
+/// A flow that tells the same for this long is stuck, s.
+const STUCK_S: f64 = 0.3;
 /// The interval that a flow rate without one is taken over, s.
 const RATE_INTERVAL_S: f64 = 0.05;
 /// How far a flow message's own distance may be from the height over ground, m, and as a part of it.
@@ -44,6 +47,8 @@ pub(super) struct FlowSensor {
     latency: FlowLatency,
     pub(super) last: Option<ApTime>,
     outliers_s: f64,
+    /// Since when it has told the same, and what.
+    same: Option<(ApTime, [f64; 2])>,
 }
 
 /// The middle of a flow's interval.
@@ -68,6 +73,21 @@ pub(super) struct Measured {
     pub(super) ranged: bool,
 }
 
+impl FlowSensor {
+    /// Whether it has told the same numbers for longer than noise lets it. Zero is what sensors tell that see nothing move.
+    fn repeats(&mut self, s: &FlowSample) -> bool {
+        match self.same {
+            Some((since, rate)) if rate == s.rate_xy => {
+                rate != [0.0; 2] && s.time.seconds_since(since) > STUCK_S
+            }
+            _ => {
+                self.same = Some((s.time, s.rate_xy));
+                false
+            }
+        }
+    }
+}
+
 impl Navigator {
     pub(super) fn flow(&mut self, s: &FlowSample) -> Verdict {
         if !self.settings.flow.enabled {
@@ -80,6 +100,9 @@ impl Navigator {
         let last = self.flows[index].last;
         if last.is_some_and(|t| s.time <= t) {
             return Verdict::Rejected(Reason::OutOfOrder);
+        }
+        if self.flows[index].repeats(s) {
+            return Verdict::Rejected(Reason::Stuck);
         }
         let interval_s = last.map_or(FIRST_INTERVAL_S, |t| s.time.seconds_since(t)).min(1.0);
         self.flow_measured(s.time, index, |navigator, delay_s| navigator.measure(s, interval_s, delay_s))
@@ -98,6 +121,7 @@ impl Navigator {
                     latency: FlowLatency::new(self.settings.flow.delay_s, self.settings.flow.delay_sigma_s),
                     last: None,
                     outliers_s: 0.0,
+                    same: None,
                 });
                 Some(self.flows.len() - 1)
             }
@@ -109,6 +133,7 @@ impl Navigator {
     pub(super) fn forget_flow_times(&mut self) {
         for sensor in &mut self.flows {
             sensor.last = None;
+            sensor.same = None;
             sensor.latency.interrupt();
         }
         self.patches.clear();
@@ -231,6 +256,9 @@ impl Navigator {
         let newest = self.last_imu.ok_or(Reason::NoReferenceYet)?;
         // A sample a little ahead of the IMU stream is as good as its newest attitude.
         let time = middle.min(newest);
+        if newest.seconds_since(time) > CORRECTED_S {
+            return Err(Reason::Late);
+        }
         let r_body_to_ned = self.history.attitude(time).ok_or(Reason::NoReferenceYet)?;
         let rate_body =
             self.history.mean_rate(begin.min(newest), end.min(newest)).unwrap_or(self.angular_rate_body);

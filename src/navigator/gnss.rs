@@ -9,6 +9,7 @@ use crate::time::{ApTime, Span};
 
 use super::Navigator;
 use super::event::What;
+use super::history::CORRECTED_S;
 use super::solution::Mode;
 use super::trust::{FixInnovation, GnssFault};
 use super::verdict::{Reason, Verdict};
@@ -25,7 +26,7 @@ pub(super) const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
 /// The latency of a fix varies by this much, s: at speed, a distance.
 const LATENCY_JITTER_S: f64 = 0.1;
 /// Vertical over horizontal accuracy of a receiver that claims none.
-const VERTICAL_RATIO: f64 = 1.5;
+pub(super) const VERTICAL_RATIO: f64 = 1.5;
 
 impl Navigator {
     pub(super) fn gnss(&mut self, s: &GnssSample) -> Verdict {
@@ -71,6 +72,9 @@ impl Navigator {
             }
         };
         let measured = s.time - Span::from_seconds(self.latency.latency_s());
+        if now.seconds_since(measured) > CORRECTED_S {
+            return Err(GnssFault::Untimely);
+        }
         let p = place.frame.to_ned(&position);
         let v = s.ground_velocity.map(|g| g.north_east());
         let Some(state) = self.state else { return Ok(()) };

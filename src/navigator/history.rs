@@ -32,7 +32,7 @@ pub struct Moment {
 }
 
 /// Corrections are carried back this far, s: no measurement is later.
-const CORRECTED_S: f64 = 0.6;
+pub const CORRECTED_S: f64 = 0.6;
 
 /// A stamp may lie this far ahead of the newest instant, s.
 const AHEAD_S: f64 = 0.05;

@@ -28,11 +28,22 @@ const PRINTED_RATE_HZ: f64 = 300.0;
 pub(super) const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
 /// A step longer than this leaves room for what was not seen, s.
 const LONG_STEP_S: f64 = 0.1;
+/// Autopilots' IMUs measure up to 2000 °/s and 16 g; at their limits, less 1 %, they tell the limit and not the motion, rad/s and m/s².
+/// What is missed so is bridged by the samples around it, and where that takes too long, it is a hole in the stream.
+const FULL_RATE: f64 = 34.55;
+const FULL_FORCE: f64 = 155.3;
+/// An IMU in the air that tells the same six numbers for this long is stuck, s.
+const STUCK_S: f64 = 0.5;
+/// A stream that goes on in the past for this long has another clock than it had, s.
+const BEHIND_S: f64 = 0.2;
 
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
         if !finite(&s.angular_rate_body) || !finite(&s.specific_force_body) {
             return Verdict::Rejected(Reason::NotFinite);
+        }
+        if saturated(&s.angular_rate_body, FULL_RATE) || saturated(&s.specific_force_body, FULL_FORCE) {
+            return Verdict::Rejected(Reason::OutOfRange);
         }
         let Some(last) = self.last_imu else {
             self.last_imu = Some(s.time);
@@ -41,7 +52,11 @@ impl Navigator {
         };
         let dt = s.time.seconds_since(last);
         if dt <= 0.0 {
-            return Verdict::Rejected(Reason::OutOfOrder);
+            return self.behind(s.time);
+        }
+        self.behind = None;
+        if self.is_stuck(s) {
+            return Verdict::Rejected(Reason::Stuck);
         }
         self.last_imu = Some(s.time);
         self.trust.check(s.time);
@@ -84,6 +99,33 @@ impl Navigator {
             }
         }
         Verdict::Used
+    }
+
+    /// A sample older than the newest. One may be late; a stream of them is a clock that was set back, and then everything that is
+    /// remembered has times that will not come for long, or mean another moment.
+    fn behind(&mut self, time: ApTime) -> Verdict {
+        let gap = self.settings.imu_max_gap_s;
+        let goes_on = |last: ApTime| time > last && time.seconds_since(last) <= gap;
+        let since = self.behind.filter(|(_, last)| goes_on(*last)).map_or(time, |(since, _)| since);
+        self.behind = Some((since, time));
+        if time.seconds_since(since) >= BEHIND_S {
+            self.behind = None;
+            self.reboot(time);
+            self.forget_times();
+        }
+        Verdict::Rejected(Reason::OutOfOrder)
+    }
+
+    /// Whether the IMU repeats itself for longer than one does that is in the air; on the ground a coarse one may.
+    fn is_stuck(&mut self, s: &ImuSample) -> bool {
+        let Some(last) = self.last_sample.filter(|last| {
+            last.angular_rate_body == s.angular_rate_body && last.specific_force_body == s.specific_force_body
+        }) else {
+            self.imu_same_since = None;
+            return false;
+        };
+        let since = *self.imu_same_since.get_or_insert(last.time);
+        self.status.armed != Some(false) && s.time.seconds_since(since) > STUCK_S
     }
 
     /// One observer step. Which observer depends on what there is: Grip's with GNSS and a magnetometer, Fusini's with GNSS and
@@ -309,6 +351,10 @@ fn rotation(
 ) -> Option<Matrix3<f64>> {
     let r = normalised_triad(n1, n2)? * normalised_triad(b1, b2)?.transpose();
     so3::nearest_rotation(&r)
+}
+
+fn saturated(v: &Vector3<f64>, full: f64) -> bool {
+    v.iter().any(|c| c.abs() >= full)
 }
 
 fn finite(v: &Vector3<f64>) -> bool {

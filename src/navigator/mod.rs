@@ -114,6 +114,8 @@ pub struct Navigator {
     /// Corrected flow velocity in body axes, for the velocity triad, and its time.
     flow_body: Option<(ApTime, Vector3<f64>)>,
     magnetic: Option<(ApTime, Vector3<f64>)>,
+    /// Since when the magnetometer has told the same, what, and whether it is stuck at it.
+    magnetic_same: Option<(ApTime, Vector3<f64>, bool)>,
     range: Option<(ApTime, f64)>,
     status: VehicleStatus,
     rest: Rest,
@@ -134,6 +136,10 @@ pub struct Navigator {
     reset_counter: u8,
     last_imu: Option<ApTime>,
     last_sample: Option<ImuSample>,
+    /// Since when the IMU has told the same.
+    imu_same_since: Option<ApTime>,
+    /// IMU samples older than the newest, one after the other: the first and the last of them.
+    behind: Option<(ApTime, ApTime)>,
     angular_rate_body: Vector3<f64>,
     r_body_to_ned: Matrix3<f64>,
     events: Vec<Event>,
@@ -191,6 +197,7 @@ impl Navigator {
             patches: Gathering::new(),
             flow_body: None,
             magnetic: None,
+            magnetic_same: None,
             range: None,
             status: VehicleStatus::default(),
             rest: Rest::default(),
@@ -207,6 +214,8 @@ impl Navigator {
             reset_counter: 0,
             last_imu: None,
             last_sample: None,
+            imu_same_since: None,
+            behind: None,
             angular_rate_body: Vector3::zeros(),
             r_body_to_ned: Matrix3::identity(),
             events: Vec::with_capacity(64),
@@ -237,8 +246,11 @@ impl Navigator {
     }
 
     /// The autopilot told its origin: the frame's origin moves there. Height is above mean sea level, as everywhere. False when the
-    /// origin is too far away to be one: nothing has changed then.
+    /// origin is no place, or too far away to be one: nothing has changed then.
     pub fn set_origin(&mut self, time: ApTime, origin: Geodetic) -> bool {
+        if !origin.is_plausible() {
+            return false;
+        }
         let moved = match &self.place {
             None => Vector3::zeros(),
             Some(place) if place.frame.origin() == origin => return true,

@@ -7,10 +7,11 @@ use crate::time::ApTime;
 use super::Navigator;
 use super::budget::ErrorBudget;
 use super::event::{What, Why};
+use super::gnss::VERTICAL_RATIO;
 use super::inertial::FLOW_AGE_S;
 use super::settings::ObserverSettings;
 use super::solution::{Carrier, Mode};
-use super::trust::{GnssFault, GnssState};
+use super::trust::{GnssFault, GnssState, GnssTrust};
 
 /// The position has joined GNSS when it is this near, m.
 const JOINED_M: f64 = 0.05;
@@ -162,6 +163,16 @@ impl Navigator {
         self.reset_counter = self.reset_counter.wrapping_add(1);
     }
 
+    /// The clock was set back: no time that is remembered can be compared with those that come.
+    pub(super) fn forget_times(&mut self) {
+        self.trust = GnssTrust::new(self.settings.gnss.trust);
+        self.receiver_heard = None;
+        self.magnetic_same = None;
+        self.imu_same_since = None;
+        self.ground_disputed_since = None;
+        (self.airspeed, self.airspeed_used) = (None, None);
+    }
+
     /// On the first entry the estimate is set to the measurement signal: the observer's transient is over for the attitude only.
     pub(super) fn take_fix_over(&mut self) {
         if let (Some(w), Some(state)) = (self.predictor.latest(), &mut self.state) {
@@ -295,7 +306,8 @@ impl Navigator {
         };
         p.fixed_view_mut::<2, 2>(0, 0).copy_from(&p_ne);
         v.fixed_view_mut::<2, 2>(0, 0).copy_from(&v_ne);
-        p[(2, 2)] = self.height.height_sigma_m().powi(2);
+        // The height filter averages what a receiver's height is wrong by over minutes, and takes it for the barometer's offset.
+        p[(2, 2)] = self.height.height_sigma_m().powi(2) + (VERTICAL_RATIO * self.gnss_sigma_m).powi(2);
         v[(2, 2)] = self.height.climb_sigma_mps().powi(2);
         (p, v)
     }

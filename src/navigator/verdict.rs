@@ -14,6 +14,10 @@ pub enum Reason {
     NotFinite,
     /// Older than the newest of its kind.
     OutOfOrder,
+    /// It came so long after it was measured that it cannot be set against its own time any more.
+    Late,
+    /// The sensor repeats itself where it cannot.
+    Stuck,
     /// There is no origin, attitude or height yet to use it with.
     NoReferenceYet,
     /// The innovation is out of bounds.
@@ -52,6 +56,8 @@ impl Reason {
         match self {
             Reason::NotFinite => "not finite".into(),
             Reason::OutOfOrder => "out of order".into(),
+            Reason::Late => "too late".into(),
+            Reason::Stuck => "stuck".into(),
             Reason::NoReferenceYet => "no reference yet".into(),
             Reason::Innovation => "innovation out of bounds".into(),
             Reason::Gnss(fault) => fault.reason().into(),
