@@ -297,7 +297,7 @@ fn the_forms_that_the_papers_print_can_be_chosen() {
         let aided =
             log.between(60.0, 119.0).map(|(_, truth, s)| (s.velocity_ned - truth.velocity_ned).norm());
         let (sum, n) = aided.fold((0.0, 0.0), |(sum, n), e| (sum + e * e, n + 1.0));
-        ((sum / n as f64).sqrt(), log.horizontal_error(179.9))
+        ((sum / n).sqrt(), log.horizontal_error(179.9))
     };
     let nlo = run(&["observer.estimator=nlo"]);
     let position_only = run(&["observer.estimator=nlo", "observer.gnss_velocity=false"]);
