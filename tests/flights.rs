@@ -55,6 +55,13 @@ fn real_flights_are_read_and_replayed() {
                 assert!(aided.is_null() || aided.as_f64().unwrap() < 100.0, "{name}: {aided}");
             }
         }
+        if name.starts_with("rtk_phantom4") {
+            // Neither magnetometer nor flow: motion has to show the heading, and a short straight flight does not.
+            assert!(inspected["can"][0].as_str().unwrap().contains("needs motion"), "{inspected}");
+            let report = holdover(&["replay", log, "--json"]).json();
+            let turning = name.contains("path11");
+            assert_eq!(report["modes"][0]["mode"] == "Aided", turning, "{}", report["modes"]);
+        }
         if name == "native_mc_corruptlink_2015_1377s" {
             let bad = inspected["bad_crc"].as_u64().unwrap();
             assert!((1300..1500).contains(&bad), "{bad} bad checksums");
