@@ -9,66 +9,21 @@
 
 #[path = "support/flown.rs"]
 mod flown;
+#[path = "support/sound.rs"]
+mod sound;
 
-use std::collections::BTreeMap;
-use std::sync::OnceLock;
-
-use flown::{Flown, Step};
-use holdover::geo::Geodetic;
+use flown::{LOST_S, PERIOD_S, Ready, Step, moved, ready_rotor, ready_wing};
 use holdover::navigator::Navigator;
-use holdover::navigator::solution::{Mode, Solution};
+use holdover::navigator::solution::Mode;
 use holdover::navigator::verdict::Reason;
-use holdover::sample::{
-    AirspeedSample, FlowRotation, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, LandmarkSample,
-    MagSample, PressureSample, RangeDirection, RangeSample, Sample, SampleKind, Sighting,
-};
+use holdover::sample::{Sample, SampleKind};
 use holdover::sim::Simulation;
 use holdover::time::{ApTime, Span};
 use nalgebra::Vector3;
-use proptest::prelude::*;
+use sound::check_form;
 
-/// GNSS ends here where it is to end, s.
-const LOST_S: f64 = 115.0;
 /// The fault begins here, s.
 const FAULT_S: f64 = 120.0;
-const END_S: f64 = 240.0;
-const PERIOD_S: f64 = 0.01;
-
-/// A vehicle that has flown until [`LOST_S`] with nothing wrong, and what comes after.
-struct Ready {
-    flown: Flown,
-    navigator: Navigator,
-    from: usize,
-    taken: Counts,
-}
-
-type Counts = BTreeMap<SampleKind, u64>;
-
-fn ready(flown: Flown) -> Ready {
-    let mut navigator = flown::navigator();
-    let from = flown.steps.partition_point(|s| s.t_s < LOST_S);
-    let mut taken = Counts::new();
-    for step in &flown.steps[..from] {
-        navigator.set_status(step.status);
-        for sample in &step.samples {
-            navigator.ingest(sample);
-            *taken.entry(sample.kind()).or_default() += 1;
-        }
-        navigator.drain_events().for_each(drop);
-    }
-    assert_eq!(navigator.mode(), Mode::Aided);
-    Ready { flown, navigator, from, taken }
-}
-
-fn wing() -> &'static Ready {
-    static WING: OnceLock<Ready> = OnceLock::new();
-    WING.get_or_init(|| ready(flown::wing(PERIOD_S, END_S, 5)))
-}
-
-fn rotor() -> &'static Ready {
-    static ROTOR: OnceLock<Ready> = OnceLock::new();
-    ROTOR.get_or_init(|| ready(flown::rotor(PERIOD_S, END_S, 5)))
-}
 
 /// What was seen of a flight with something wrong.
 struct Seen {
@@ -80,29 +35,6 @@ struct Seen {
     error_m: f64,
     modes: Vec<(f64, Mode)>,
     navigator: Navigator,
-}
-
-fn is_finite(s: &Solution) -> bool {
-    let matrices = [&s.r_body_to_ned, &s.position_covariance, &s.velocity_covariance];
-    let vectors = [&s.position_ned, &s.velocity_ned, &s.angular_rate_body, &s.attitude_variance];
-    matrices.iter().all(|m| m.iter().all(|v| v.is_finite()))
-        && vectors.iter().all(|v| v.iter().all(|c| c.is_finite()))
-}
-
-/// Symmetric, and no variance in any direction below zero but for rounding.
-fn is_covariance(m: &nalgebra::Matrix3<f64>) -> bool {
-    let scale = m.trace().abs().max(1e-12);
-    let symmetric = (m - m.transpose()).norm() <= 1e-9 * scale;
-    symmetric && nalgebra::SymmetricEigen::new(*m).eigenvalues.min() >= -1e-9 * scale
-}
-
-fn check_form(s: &Solution, what: &str) {
-    assert!(is_finite(s), "{what}: {s:?}");
-    assert!(is_covariance(&s.position_covariance), "{what}: {}", s.position_covariance);
-    assert!(is_covariance(&s.velocity_covariance), "{what}: {}", s.velocity_covariance);
-    assert!(s.attitude_variance.iter().all(|v| *v >= 0.0), "{what}: {}", s.attitude_variance);
-    let r = &s.r_body_to_ned;
-    assert!((r * r.transpose() - nalgebra::Matrix3::identity()).norm() < 1e-6, "{what}: {r}");
 }
 
 /// Flies on with GNSS or without; `fault` does with each sample of a step what it will, and tells which true time a solution of a time
@@ -197,24 +129,7 @@ fn same_time(_: f64, time: ApTime) -> f64 {
 }
 
 fn vehicles() -> [(&'static str, &'static Ready); 2] {
-    [("wing", wing()), ("rotor", rotor())]
-}
-
-/// The time of a sample, moved.
-fn moved(sample: &Sample, by: Span) -> Sample {
-    let mut s = *sample;
-    let time = match &mut s {
-        Sample::Imu(s) => &mut s.time,
-        Sample::Mag(s) => &mut s.time,
-        Sample::Gnss(s) => &mut s.time,
-        Sample::Pressure(s) => &mut s.time,
-        Sample::Flow(s) => &mut s.time,
-        Sample::Range(s) => &mut s.time,
-        Sample::Airspeed(s) => &mut s.time,
-        Sample::Landmark(s) => &mut s.time,
-    };
-    *time = *time + by;
-    s
+    [("wing", ready_wing()), ("rotor", ready_rotor())]
 }
 
 const KINDS: [SampleKind; 7] = [
@@ -336,7 +251,7 @@ fn a_rangefinder_out_of_range_is_rejected_as_such() {
                 }
                 out.push(s);
             };
-            let seen = fly(&name, rotor(), gnss, wrong, same_time);
+            let seen = fly(&name, ready_rotor(), gnss, wrong, same_time);
             assert!(seen.honest().rejected(SampleKind::Range, reason) > 100);
         }
     }
@@ -441,180 +356,6 @@ fn clocks_that_stand_or_step_are_owned_up_to() {
                     if (new - t).abs() < 0.5 * PERIOD_S { t } else { Simulation::seconds(time) }
                 };
                 fly(&name, ready, gnss, stepped, true_time).honest();
-            }
-        }
-    }
-}
-
-/// Any number: what a sensor may say, what none can, and what is no number.
-fn number() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        6 => -60.0..60.0,
-        2 => -1e-5..1e-5,
-        1 => -1e6..1e6,
-        1 => any::<f64>(),
-        1 => prop::sample::select(vec![
-            0.0, -0.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN, f64::MIN_POSITIVE, 1e-300, 1e150, -1e200,
-        ]),
-    ]
-}
-
-fn vector() -> impl Strategy<Value = Vector3<f64>> {
-    [number(), number(), number()].prop_map(Vector3::from)
-}
-
-/// Microseconds from one stamp to the next.
-fn step_us() -> impl Strategy<Value = i64> {
-    prop_oneof![
-        8 => prop::sample::select(vec![1_000, 5_000, 10_000, 50_000]),
-        2 => -600_000..600_000i64,
-        1 => prop::sample::select(vec![0, 1, -1, 5_000_000, -5_000_000, 3_600_000_000, -3_600_000_000]),
-        1 => prop::sample::select(vec![i64::MAX, i64::MIN, i64::MAX / 2]),
-    ]
-}
-
-/// A sample of any kind, its time yet to be set.
-fn any_sample() -> impl Strategy<Value = Sample> {
-    let time = ApTime::from_micros(0);
-    let some = || prop::option::of(number());
-    let gnss = (
-        (
-            0u8..3,
-            prop::sample::select(vec![GnssFix::None, GnssFix::TwoD, GnssFix::ThreeD, GnssFix::Corrected]),
-        ),
-        prop_oneof![
-            Just(None),
-            // Near the flights' origin, anywhere, nowhere.
-            [-1e-4..1e-4f64, -1e-4..1e-4, -100.0..100.0].prop_map(Some),
-            [number(), number(), number()].prop_map(Some),
-        ],
-        prop::option::of((number(), number())),
-        (some(), some(), some()),
-        prop::option::of(any::<u8>()),
-    );
-    let gnss = gnss.prop_map(move |((receiver, fix), position, velocity, (h, v, s), satellites)| {
-        let origin = wing().flown.frame.origin();
-        Sample::Gnss(GnssSample {
-            time,
-            receiver,
-            fix,
-            position: position.map(|[lat, lon, up]| Geodetic {
-                latitude_rad: origin.latitude_rad + lat,
-                longitude_rad: origin.longitude_rad + lon,
-                height_m: origin.height_m + up,
-            }),
-            ground_velocity: velocity.map(|(speed_mps, course_rad)| GroundVelocity { speed_mps, course_rad }),
-            horizontal_accuracy_m: h,
-            vertical_accuracy_m: v,
-            speed_accuracy_mps: s,
-            satellites,
-        })
-    });
-    let rotation = prop_oneof![
-        [number(), number()].prop_map(FlowRotation::SensorGyro),
-        Just(FlowRotation::Contained),
-        Just(FlowRotation::Removed),
-    ];
-    let flow = (0u8..10, step_us(), [number(), number()], rotation, number(), some());
-    let flow = flow.prop_map(move |(sensor, interval, rate_xy, rotation, quality, distance_m)| {
-        let interval = Span::from_micros(interval);
-        Sample::Flow(FlowSample { time, sensor, interval, rate_xy, rotation, quality, distance_m })
-    });
-    let down = prop::sample::select(vec![RangeDirection::Down, RangeDirection::Other(3)]);
-    let range = (0u8..3, down, number(), prop::option::of([number(), number()]));
-    prop_oneof![
-        4 => (vector(), vector()).prop_map(move |(angular_rate_body, specific_force_body)| {
-            Sample::Imu(ImuSample { time, angular_rate_body, specific_force_body })
-        }),
-        1 => (0u8..3, vector(), prop::bool::ANY).prop_map(move |(sensor, field, micro)| {
-            let field_body = if micro { field * 1e-6 } else { field };
-            Sample::Mag(MagSample { time, sensor, field_body })
-        }),
-        2 => gnss,
-        1 => (0u8..3, prop_oneof![number(), 80_000.0..110_000.0])
-            .prop_map(move |(sensor, pressure_pa)| Sample::Pressure(PressureSample { time, sensor, pressure_pa })),
-        2 => flow,
-        1 => range.prop_map(move |(sensor, direction, distance_m, limits_m)| {
-            Sample::Range(RangeSample { time, sensor, direction, distance_m, limits_m })
-        }),
-        1 => number().prop_map(move |airspeed_mps| Sample::Airspeed(AirspeedSample { time, airspeed_mps })),
-        1 => number().prop_map(move |x| {
-            let sighting = Sighting::Bearing { angle_xy: [x, -x], distance_m: Some(x) };
-            Sample::Landmark(LandmarkSample { time, id: 1, sighting })
-        }),
-    ]
-}
-
-#[derive(Clone, Debug)]
-enum Act {
-    /// A sample so long after the last, µs.
-    Sample(Box<Sample>, i64),
-    /// So many steps of the flight as they were.
-    Fly(usize),
-    /// GNSS is masked from now on.
-    Mask,
-    Reboot,
-    Origin([f64; 3]),
-    Date(f64),
-}
-
-fn act() -> impl Strategy<Value = Act> {
-    prop_oneof![
-        20 => (any_sample(), step_us()).prop_map(|(s, dt)| Act::Sample(Box::new(s), dt)),
-        6 => (1usize..60).prop_map(Act::Fly),
-        1 => Just(Act::Mask),
-        1 => Just(Act::Reboot),
-        1 => [number(), number(), number()].prop_map(Act::Origin),
-        1 => number().prop_map(Act::Date),
-    ]
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(400) })]
-
-    #[test]
-    fn any_samples_in_any_order_leave_a_solution_that_is_one(
-        start in 0usize..3,
-        acts in prop::collection::vec(act(), 1..120),
-    ) {
-        let ready = if start == 1 { wing() } else { rotor() };
-        let mut navigator = if start == 0 { flown::navigator() } else { ready.navigator.clone() };
-        let mut steps = ready.flown.steps[ready.from..].iter();
-        let mut now = Simulation::ap_time(LOST_S);
-        let mut masked = false;
-        for act in &acts {
-            match act {
-                Act::Sample(sample, dt) => {
-                    let time = now + Span::from_micros(*dt);
-                    let sample = moved(sample, time - ApTime::from_micros(0));
-                    navigator.ingest(&sample);
-                    // Stamps from the ends of time are one sample's, not the clock's.
-                    if dt.unsigned_abs() < 1_000_000_000_000 {
-                        now = time;
-                    }
-                }
-                Act::Fly(n) => {
-                    for step in steps.by_ref().take(*n) {
-                        navigator.set_status(step.status);
-                        for sample in step.samples.iter().filter(|s| !masked || s.kind() != SampleKind::Gnss) {
-                            navigator.ingest(sample);
-                            now = now.max(sample.time());
-                        }
-                    }
-                }
-                Act::Mask => {
-                    masked = true;
-                    navigator.mask_gnss(now);
-                }
-                Act::Reboot => navigator.reboot(now),
-                Act::Origin([lat, lon, up]) => {
-                    let place = Geodetic { latitude_rad: *lat, longitude_rad: *lon, height_m: *up };
-                    navigator.set_origin(now, place);
-                }
-                Act::Date(year) => navigator.set_date(*year),
-            }
-            if let Some(s) = navigator.solution() {
-                check_form(&s, "random samples");
             }
         }
     }

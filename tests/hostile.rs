@@ -7,6 +7,8 @@
     reason = "helpers of tests may fail like tests"
 )]
 
+#[path = "support/sound.rs"]
+mod sound;
 mod support;
 
 use std::sync::OnceLock;
@@ -15,7 +17,6 @@ use holdover::config::{Settings, Sources};
 use holdover::geo::Geodetic;
 use holdover::navigator::Navigator;
 use holdover::navigator::settings::NavigatorSettings;
-use holdover::navigator::solution::Solution;
 use holdover::outbound::message::OutboundMessage;
 use holdover::pipeline::{Pipeline, PipelineSettings};
 use holdover::sample::{
@@ -27,6 +28,7 @@ use holdover::wire::decode::{Decoder, Dialect};
 use holdover::wire::frame::{ComponentId, Scan, SystemId, scan};
 use nalgebra::Vector3;
 use proptest::prelude::*;
+use sound::is_finite;
 use support::{COPTER, Record, records};
 
 fn settings() -> PipelineSettings {
@@ -35,13 +37,6 @@ fn settings() -> PipelineSettings {
 
 fn navigator_settings() -> NavigatorSettings {
     settings().navigator
-}
-
-fn is_finite(s: &Solution) -> bool {
-    let matrices = [&s.r_body_to_ned, &s.position_covariance, &s.velocity_covariance];
-    let vectors = [&s.position_ned, &s.velocity_ned, &s.angular_rate_body, &s.attitude_variance];
-    matrices.iter().all(|m| m.iter().all(|v| v.is_finite()))
-        && vectors.iter().all(|v| v.iter().all(|c| c.is_finite()))
 }
 
 /// Real frames from the ground and from flight.

@@ -22,6 +22,8 @@ const MAX_SENSORS: usize = 8;
 const GATE_SIGMA: f64 = 5.0;
 /// … unless they go on for this long, s: then it is the velocity that is wrong.
 const RELOCK_S: f64 = 1.0;
+/// No camera sees the ground move faster, rad/s.
+const FASTEST_RADPS: f64 = 100.0;
 /// A flow that tells the same for this long is stuck, s.
 const STUCK_S: f64 = 0.3;
 /// The interval that a flow rate without one is taken over, s.
@@ -92,6 +94,10 @@ impl Navigator {
     pub(super) fn flow(&mut self, s: &FlowSample) -> Verdict {
         if !self.settings.flow.enabled {
             return Verdict::Rejected(Reason::SwitchedOff);
+        }
+        // Squares of what is far beyond any sensor would overflow.
+        if s.rate_xy.iter().any(|rate| rate.is_finite() && rate.abs() > FASTEST_RADPS) {
+            return Verdict::Rejected(Reason::OutOfRange);
         }
         if self.settings.flow.patches.find(s.sensor).is_some() {
             return self.patch(s);
