@@ -67,6 +67,8 @@ impl Navigator {
             Some(place) => place,
             None => {
                 self.settle(position);
+                // What was measured before there was a place could not be used: the wait for it begins anew.
+                self.modes.started(now);
                 self.tell(now, What::Origin(0.0));
                 return Ok(());
             }

@@ -22,7 +22,11 @@ impl Navigator {
     pub(super) fn seek_heading(&mut self, s: &ImuSample, dt: f64) {
         let magnetic = self.magnetic.is_some_and(|(t, _)| s.time.seconds_since(t) < WAIT_FOR_MAGNETOMETER_S);
         // Without a filter nobody carries the heading on: the observers have no direction to hold it by.
-        let sought = self.modes.mode() == Mode::Aligning && self.settings.estimator.has_filter() && !magnetic;
+        let waited = self.modes.seconds_since_start(s.time) >= WAIT_FOR_MAGNETOMETER_S;
+        let sought = self.modes.mode() == Mode::Aligning
+            && self.settings.estimator.has_filter()
+            && waited
+            && !magnetic;
         if !sought {
             self.heading = None;
             return;

@@ -259,6 +259,9 @@ impl Navigator {
         if moved.norm() > FARTHEST_ORIGIN_M {
             return false;
         }
+        if self.place.is_none() {
+            self.modes.started(time);
+        }
         self.settle(origin);
         self.height.shift_origin(-moved.z);
         self.ground_m = self.ground_m.map(|g| g + moved.z);
