@@ -22,6 +22,10 @@ use holdover::sim::{Scenario, SensorSuite, Simulation, Truth};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
+#[path = "../tests/support/data_sheet.rs"]
+mod data_sheet;
+use data_sheet::data_sheet;
+
 /// The order of the table.
 const VARIANTS: [Estimator; 6] = [
     Estimator::Inertial,
@@ -36,40 +40,6 @@ const PATHS: [&str; 3] = ["circles", "legs", "straight"];
 /// Errors are compared with their covariance this often, s, and with GNSS from here on, s.
 const NEES_EVERY_S: f64 = 1.0;
 const SETTLED_S: f64 = 120.0;
-
-/// What the simulated sensors are, as configuration: the sensors' data sheets.
-const SENSORS: [&str; 14] = [
-    "imu.samples=means",
-    "gnss.delay_ms=200",
-    // 0.5 m/s from 125 m are 0.004; the wander of the scale, 1 % over 250 m of path, counts as white noise of 3.7 m/s along the path and
-    // none across it: this stands for both.
-    "flow.rate_noise_radps=0.015",
-    "flow.bias_sigma_mps=0.5",
-    "flow.scale_sigma=0.03",
-    "flow.misalignment_sigma_deg=1",
-    "flow.max_height_m=1000",
-    "kalman.flow_bias_walk=0.0001",
-    "kalman.flow_scale_walk=0.0001",
-    "kalman.magnetic_bias_sigma_ut=2",
-    "kalman.magnetic_bias_walk_ut=0.001",
-    "magnetometer.noise_ut=0.35",
-    "kalman.gyro_rate_noise=0",
-    "kalman.accel_load_noise=0",
-];
-const TACTICAL: [&str; 5] = [
-    "kalman.gyro_noise=0.00006",
-    "kalman.accel_noise=0.0025",
-    "kalman.gyro_bias_walk=0.0000003",
-    "kalman.accel_bias_walk=0.0001",
-    "kalman.gyro_scale_sigma=0.0003",
-];
-const MEMS: [&str; 5] = [
-    "kalman.gyro_noise=0.0002",
-    "kalman.accel_noise=0.004",
-    "kalman.gyro_bias_walk=0.000005",
-    "kalman.accel_bias_walk=0.0003",
-    "kalman.gyro_scale_sigma=0.002",
-];
 
 #[derive(Parser)]
 #[command(about = "Drift of every estimator after ten minutes without GNSS, in simulation")]
@@ -151,9 +121,7 @@ impl Pilot {
 }
 
 fn navigator(args: &Args, imu: &str, estimator: Estimator) -> Result<Navigator, String> {
-    let mut overrides: Vec<String> = SENSORS.iter().map(|s| (*s).to_owned()).collect();
-    let own = if imu == "mems" { MEMS } else { TACTICAL };
-    overrides.extend(own.iter().map(|s| (*s).to_owned()));
+    let mut overrides = data_sheet(imu == "mems");
     overrides.push(format!("observer.estimator={}", estimator.label()));
     // The published forms of b_v; the filters have it among their states.
     let flow_bias = if estimator == Estimator::NloPrinted { "as_printed" } else { "body" };
