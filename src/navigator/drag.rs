@@ -51,7 +51,7 @@ impl Navigator {
             || self.settings.estimator == Estimator::Ekf15
             || self.status.airframe != Some(Airframe::Multirotor)
             || self.resting()
-            || self.status.armed == Some(false)
+            || self.disarmed()
         {
             self.drag = DragMean::default();
             return;

@@ -125,7 +125,7 @@ impl Navigator {
             return false;
         };
         let since = *self.imu_same_since.get_or_insert(last.time);
-        self.status.armed != Some(false) && s.time.seconds_since(since) > STUCK_S
+        !self.disarmed() && s.time.seconds_since(since) > STUCK_S
     }
 
     /// One observer step. Which observer depends on what there is: Grip's with GNSS and a magnetometer, Fusini's with GNSS and

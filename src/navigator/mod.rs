@@ -119,6 +119,8 @@ pub struct Navigator {
     range: Option<(ApTime, f64)>,
     status: VehicleStatus,
     rest: Rest,
+    /// It was in the air while it said that it was disarmed.
+    flew_disarmed: bool,
     drag: DragMean,
     /// The newest airspeed, and the newest that was used.
     airspeed: Option<ApTime>,
@@ -201,6 +203,7 @@ impl Navigator {
             range: None,
             status: VehicleStatus::default(),
             rest: Rest::default(),
+            flew_disarmed: false,
             drag: DragMean::default(),
             airspeed: None,
             airspeed_used: None,

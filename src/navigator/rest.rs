@@ -22,6 +22,10 @@ const PERIOD_S: f64 = 0.2;
 const SIGMA_MPS: f64 = 0.1;
 const SIGMA_RADPS: f64 = 0.003;
 
+/// A vehicle that is this fast, m/s, or this high above where it began, m, is in the air, whatever it says of its motors.
+const FLYING_MPS: f64 = 3.0;
+const FLYING_M: f64 = 3.0;
+
 /// Since when the IMU has been quiet, and when standing still is to be told the filter next.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rest {
@@ -33,7 +37,22 @@ pub(super) struct Rest {
 impl Navigator {
     /// What the autopilot says of the vehicle.
     pub fn set_status(&mut self, status: VehicleStatus) {
+        if status.armed == Some(true) {
+            self.flew_disarmed = false;
+        }
         self.status = status;
+    }
+
+    /// Whether the motors are off, as far as that can be believed: converted logs and some bridges never say anything else.
+    pub(super) fn disarmed(&self) -> bool {
+        self.status.armed == Some(false) && !self.flew_disarmed
+    }
+
+    fn doubt_disarmed(&mut self) {
+        let height = self.height.height_m().filter(|_| self.height.height_sigma_m() < 0.5 * FLYING_M);
+        let high = height.zip(self.ground_m).is_some_and(|(height, ground)| height - ground > FLYING_M);
+        let fast = self.estimate().is_some_and(|(_, v)| v.xy().norm() > FLYING_MPS);
+        self.flew_disarmed |= self.modes.mode() == Mode::Aided && (fast || high);
     }
 
     /// Whether the vehicle stands.
@@ -46,7 +65,10 @@ impl Navigator {
         let gravity = self.place.as_ref().map_or(9.81, |p| p.gravity_ned.z);
         let quiet = s.angular_rate_body.norm() < QUIET_RATE
             && (s.specific_force_body.norm() - gravity).abs() < QUIET_FORCE;
-        if self.status.armed != Some(false) || !quiet {
+        if self.disarmed() {
+            self.doubt_disarmed();
+        }
+        if !self.disarmed() || !quiet {
             self.rest = Rest::default();
             return;
         }
