@@ -11,6 +11,9 @@ use holdover::sim::models::AirspeedModel;
 use holdover::sim::{Scenario, SensorSuite, Simulation};
 use nalgebra::Vector3;
 
+/// Not a setting: the vehicle never says that it is armed.
+const DISARMED: &str = "disarmed";
+
 struct Flown {
     /// Horizontal error at the end, m.
     error_m: f64,
@@ -20,7 +23,7 @@ struct Flown {
 
 /// Flies `scenario` with GNSS gone from `from_s` to `to_s`, where it ends.
 fn fly(scenario: Scenario, suite: SensorSuite, seed: u64, (from_s, to_s): (f64, f64), set: &[&str]) -> Flown {
-    let overrides = set.iter().map(|s| (*s).to_owned()).collect();
+    let overrides = set.iter().filter(|s| **s != DISARMED).map(|s| (*s).to_owned()).collect();
     let settings = Settings::load(&Sources { overrides, ..Sources::default() }).unwrap();
     let mut navigator = Navigator::new(settings.pipeline.navigator);
     let simulation = Simulation::new(scenario.clone(), suite, seed);
@@ -30,7 +33,11 @@ fn fly(scenario: Scenario, suite: SensorSuite, seed: u64, (from_s, to_s): (f64, 
         if k == 0 {
             navigator.set_origin(reading.time, origin);
         }
-        navigator.set_status(scenario.status(reading.t_s));
+        let mut status = scenario.status(reading.t_s);
+        if set.contains(&DISARMED) {
+            status.armed = Some(false);
+        }
+        navigator.set_status(status);
         for sample in reading.samples.iter() {
             match sample {
                 Sample::Gnss(fix) if reading.t_s >= from_s => navigator.mask_gnss(fix.time),
@@ -117,4 +124,14 @@ fn airspeed_is_not_for_multirotors_and_drag_not_for_wings() {
         assert_eq!(after[1] > before[1], !wing);
         navigator.reboot(Simulation::ap_time(0.0));
     }
+}
+
+#[test]
+fn a_vehicle_that_flies_while_it_says_that_it_is_disarmed_is_not_held_to_stand() {
+    let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
+    let flown = fly(Scenario::square(), suite, 2, (150.0, 200.0), &[DISARMED]);
+    assert_eq!(flown.solution.carrier, Carrier::Drag);
+    // Five a second and three axes in the 20 s before take-off, some while it lifts off slowly, and none after.
+    let count = flown.navigator.nis().of(Measured::Standstill).fused;
+    assert!((1..400).contains(&count), "{count}");
 }

@@ -153,6 +153,7 @@ struct Airspeed {
 struct Drag {
     r#use: bool,
     sigma_mps2: f64,
+    lasting_mps2: f64,
     coefficient_per_s: f64,
     coefficient_sigma_per_s: f64,
 }
@@ -405,6 +406,7 @@ impl Raw {
                 enabled: self.drag.r#use,
                 coefficient: self.drag.coefficient_per_s,
                 sigma_mps2: self.drag.sigma_mps2,
+                lasting_mps2: self.drag.lasting_mps2,
             },
             range_max_age_s: self.range.max_age_s,
             height: HeightSettings {

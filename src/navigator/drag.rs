@@ -3,6 +3,10 @@
 //! The thrust of rotors lies along body z; what the accelerometers show along x and y is drag, nearly proportional to the velocity through
 //! the air (Leishman et al. 2014, "Quadrotors and accelerometers"). With GNSS the filter learns the proportion and the wind; without GNSS and
 //! flow, that bounds the velocity which inertial coasting alone would lose within a minute.
+//!
+//! What is wrong with that lasts: gusts, vibration that the accelerometers rectify, drag that is not proportional. An error of standard
+//! deviation σ_c that lasts for τ is, for a filter that takes it for white, worth σ_c √(2τ/Δt) a sample; σ_c differs by a factor of
+//! ten between vehicles, so it is measured while GNSS is there, from the mean of the innovations over some seconds.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -16,6 +20,11 @@ use super::solution::{Carrier, Mode};
 
 /// The force is averaged over this long, s.
 const PERIOD_S: f64 = 0.1;
+/// Innovations are averaged over this long, s, their mean square over this long, s, …
+const MEAN_S: f64 = 5.0;
+const SPREAD_S: f64 = 60.0;
+/// … and what they show lasts this long, s.
+const LASTING_S: f64 = 30.0;
 /// Drag carries the velocity for this long, s, …
 const AGE_S: f64 = 1.0;
 /// … and when it is there at all, 1/s, and known this many times better than it is large.
@@ -29,8 +38,38 @@ pub struct DragSettings {
     pub enabled: bool,
     /// Deceleration over velocity before it was seen, 1/s.
     pub coefficient: f64,
-    /// Standard deviation of the mean force of 0.1 s, m/s²: vibration, gusts, and what is not proportional.
+    /// White noise of the mean force of 0.1 s, m/s².
     pub sigma_mps2: f64,
+    /// Standard deviation of what is wrong with the force for some time, before it was measured, m/s².
+    pub lasting_mps2: f64,
+}
+
+/// What is wrong with the force for some time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DragError {
+    /// Mean innovation of late, m/s².
+    mean: Vector2<f64>,
+    /// Its mean square an axis, m²/s⁴.
+    spread: f64,
+}
+
+impl DragError {
+    pub(super) fn new(settings: &DragSettings) -> Self {
+        Self { mean: Vector2::zeros(), spread: settings.lasting_mps2.powi(2) }
+    }
+
+    /// Takes an innovation, m/s², `dt` s after the last.
+    fn learn(&mut self, innovation: &Vector2<f64>, dt: f64) {
+        if innovation.iter().all(|i| i.is_finite()) {
+            self.mean += (innovation - self.mean) * (dt / MEAN_S).min(1.0);
+            self.spread += (0.5 * self.mean.norm_squared() - self.spread) * (dt / SPREAD_S).min(1.0);
+        }
+    }
+
+    /// What a sample of `dt` s is worth, m/s²: white noise, and what lasts.
+    fn sigma(&self, white: f64, dt: f64) -> f64 {
+        (white * white + self.spread * 2.0 * LASTING_S / dt).sqrt()
+    }
 }
 
 /// The mean force and velocity through the air since the last use.
@@ -64,13 +103,17 @@ impl Navigator {
         if mean.seconds < PERIOD_S {
             return;
         }
-        let (force, air) = (mean.force / mean.seconds, mean.air / mean.seconds);
+        let (force, air, seconds) = (mean.force / mean.seconds, mean.air / mean.seconds, mean.seconds);
         *mean = DragMean { used: mean.used, ..DragMean::default() };
         // A flow that carries knows the velocity better than gusts let the drag know it.
         if self.modes.dead_reckoning() && self.carrier == Carrier::Flow {
             return;
         }
-        match kalman.filter.fuse_drag(&force, &air, self.settings.drag.sigma_mps2) {
+        if self.modes.mode() == Mode::Aided {
+            self.drag_error.learn(&kalman.filter.drag_innovation(&force, &air), seconds);
+        }
+        let sigma = self.drag_error.sigma(self.settings.drag.sigma_mps2, seconds);
+        match kalman.filter.fuse_drag(&force, &air, sigma) {
             Ok(corrections) => {
                 let known = kalman.filter.state().drag > LEAST_DRAG.max(KNOWN * kalman.filter.drag_sigma());
                 self.drag.used = known.then_some(s.time);
@@ -89,5 +132,28 @@ impl Navigator {
     /// Whether the drag carries the velocity at present.
     pub(super) fn carried_by_drag(&self, now: ApTime) -> bool {
         self.drag.used.is_some_and(|t| now.seconds_since(t) < AGE_S)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn learned(innovation: impl Fn(u32) -> f64) -> f64 {
+        let settings = DragSettings { enabled: true, coefficient: 0.25, sigma_mps2: 0.3, lasting_mps2: 0.3 };
+        let mut error = DragError::new(&settings);
+        for k in 0..3000 {
+            error.learn(&Vector2::repeat(innovation(k)), PERIOD_S);
+        }
+        error.sigma(settings.sigma_mps2, PERIOD_S)
+    }
+
+    #[test]
+    fn what_alternates_is_noise_and_what_lasts_makes_the_drag_worth_little() {
+        let noisy = learned(|k| if k % 2 == 0 { 0.3 } else { -0.3 });
+        assert!(noisy < 0.7, "{noisy}");
+        let gusty = learned(|k| if k / 200 % 2 == 0 { 0.5 } else { -0.5 });
+        assert!(gusty > 8.0, "{gusty}");
+        assert!(learned(|_| f64::NAN).is_finite());
     }
 }

@@ -41,7 +41,7 @@ use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
 
 use budget::ErrorBudget;
-use drag::DragMean;
+use drag::{DragError, DragMean};
 use event::{Event, What};
 use flow::FlowSensor;
 use history::History;
@@ -122,6 +122,7 @@ pub struct Navigator {
     /// It was in the air while it said that it was disarmed.
     flew_disarmed: bool,
     drag: DragMean,
+    drag_error: DragError,
     /// The newest airspeed, and the newest that was used.
     airspeed: Option<ApTime>,
     airspeed_used: Option<ApTime>,
@@ -205,6 +206,7 @@ impl Navigator {
             rest: Rest::default(),
             flew_disarmed: false,
             drag: DragMean::default(),
+            drag_error: DragError::new(&settings.drag),
             airspeed: None,
             airspeed_used: None,
             pressure: None,

@@ -136,6 +136,11 @@ impl Eskf {
         self.fuse(&h, -expected, (sigma_rad * speed).powi(2))
     }
 
+    /// How far a specific force is from what the drag should make it, m/s²; see [`Self::fuse_drag`].
+    pub fn drag_innovation(&self, force_xy: &Vector2<f64>, air_body: &Vector3<f64>) -> Vector2<f64> {
+        force_xy - self.state().expected_drag(air_body)
+    }
+
     /// A multirotor's specific force along body x and y, m/s², mean over a short while in which the velocity through the air was
     /// `air_body` (body axes, m/s) in the mean: f = b_a − D u (Leishman et al. 2014, "Quadrotors and accelerometers").
     ///
@@ -147,7 +152,7 @@ impl Eskf {
         air_body: &Vector3<f64>,
         sigma: f64,
     ) -> Result<[Correction; 2], Gated> {
-        let innovation = force_xy - self.state.expected_drag(air_body);
+        let innovation = self.drag_innovation(force_xy, air_body);
         let rows = [0, 1].map(|axis| self.state.drag_row(air_body, axis));
         let variance = sigma * sigma;
         for i in 0..2 {
@@ -170,6 +175,10 @@ impl Eskf {
         sigma_mps: f64,
         sigma_radps: f64,
     ) -> Result<[Correction; 3], Gated> {
+        for axis in 0..3 {
+            let innovation = -self.state.velocity_ned[axis];
+            self.gate(&Row::unit(V + axis), innovation, sigma_mps.powi(2))?;
+        }
         let mut corrections = [None; 3];
         for axis in 0..3 {
             let innovation = -self.state.velocity_ned[axis];
