@@ -8,7 +8,7 @@ use mavlink::Message;
 use serde::Serialize;
 
 use crate::replay::log::Log;
-use crate::sample::{Reference, Sample, SampleKind};
+use crate::sample::{Airframe, Reference, Sample, SampleKind};
 use crate::time::ApTime;
 use crate::wire::decode::Item;
 
@@ -129,6 +129,7 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     let mut streams = [Stream::default(); SampleKind::ALL.len()];
     let mut messages: BTreeMap<(u8, u8, u32), (String, u64)> = BTreeMap::new();
     let mut truth = false;
+    let mut airframe = None;
     let mut span: Option<(ApTime, ApTime)> = None;
     let summary = log.play(
         |frame, _| {
@@ -149,7 +150,11 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
                     truth |= matches!(r, Reference::Truth(t) if t.position.is_some());
                     r.time()
                 }
-                _ => return,
+                Item::Status(status) => {
+                    airframe = status.airframe;
+                    return;
+                }
+                Item::Origin(_) | Item::Clock(_) => return,
             };
             span = Some(span.map_or((time, time), |(a, b)| (a, b.max(time))));
         },
@@ -188,7 +193,7 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
                 count,
             })
             .collect(),
-        can: abilities(&heard, truth),
+        can: abilities(&heard, truth, airframe),
         lacks: lacking(&heard, duration_s),
     };
     if args.json {
@@ -205,7 +210,7 @@ fn name_of(frame: &crate::wire::frame::Frame<'_>) -> String {
         .map_or_else(|| format!("unknown ({})", frame.message_id()), |m| m.message_name().to_owned())
 }
 
-fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool) -> Vec<String> {
+fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool, airframe: Option<Airframe>) -> Vec<String> {
     let has = |k: SampleKind| heard[k as usize] > 0;
     let mut can = Vec::new();
     can.push(match (has(SampleKind::Mag), has(SampleKind::Flow)) {
@@ -218,7 +223,15 @@ fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool) -> Vec<String> {
     can.push(match (has(SampleKind::Flow), has(SampleKind::Range)) {
         (true, true) => "holdover on optical flow, its height from the rangefinder".to_owned(),
         (true, false) => "holdover on optical flow, its height from the altimeter".to_owned(),
-        (false, _) => "holdover by inertial coasting only: no optical flow".to_owned(),
+        (false, _) => match airframe {
+            Some(Airframe::FixedWing) if has(SampleKind::Airspeed) => {
+                "holdover on airspeed and the wind as GNSS showed it: no optical flow".to_owned()
+            }
+            Some(Airframe::Multirotor) => {
+                "holdover on rotor drag, as far as it proves true: no optical flow".to_owned()
+            }
+            _ => "holdover by inertial coasting only: no optical flow".to_owned(),
+        },
     });
     if !has(SampleKind::Pressure) {
         can.push("height from GNSS and inertia only: no barometer".to_owned());

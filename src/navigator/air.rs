@@ -11,7 +11,6 @@ use super::Navigator;
 use super::aiding::LATE_S;
 use super::nis::Measured;
 use super::settings::Estimator;
-use super::solution::Mode;
 use super::verdict::{Reason, Verdict};
 
 /// Noise is stated for samples this far apart, s: gusts last, and more samples tell no more.
@@ -73,10 +72,7 @@ impl Navigator {
         let taken = self.nis.note(Measured::Airspeed, fused, |c| c.nis);
         let side = slipped.and_then(|f| self.nis.note(Measured::Sideslip, f, |c| c.nis));
         let now = self.last_imu.unwrap_or(s.time);
-        let moved = self.carry_back(now, taken.iter().chain(side.iter()));
-        if self.modes.mode() == Mode::Rejoining {
-            self.offset_ned -= nalgebra::Vector3::new(moved.x, moved.y, 0.0);
-        }
+        self.carry_back(now, taken.iter().chain(side.iter()));
         if taken.is_none() {
             return Verdict::Rejected(Reason::Innovation);
         }

@@ -5,7 +5,7 @@ use std::fmt;
 use crate::camera::calibration::Distrust;
 use crate::time::ApTime;
 
-use super::solution::Mode;
+use super::solution::{Carrier, Mode};
 use super::trust::GnssFault;
 
 /// Something happened.
@@ -45,6 +45,8 @@ pub enum What {
     BaroStep(f64),
     /// The filter was started anew from the observer; their attitudes were this far apart, rad.
     FilterRestarted(f64),
+    /// In holdover this carries the velocity now.
+    Carried(Carrier),
     /// The filter was carried over a hole in the IMU stream, s.
     Bridged(f64),
     /// There is no magnetometer: the heading is sought in the vehicle's accelerations.
@@ -112,6 +114,7 @@ impl fmt::Display for What {
             What::FilterRestarted(apart) => {
                 write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
             }
+            What::Carried(carrier) => write!(f, "carried by {}", carrier.label()),
             What::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
             What::HeadingSought => write!(f, "no magnetometer: heading from GNSS acceleration, needs motion"),
             What::HeadingFound(sigma) => {

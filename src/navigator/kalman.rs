@@ -253,11 +253,7 @@ impl Navigator {
         let taken = corrections.iter().take(2).all(Option::is_some);
         kalman.locked_out_since = if taken { None } else { Some(kalman.locked_out_since.unwrap_or(now)) };
         let locked_out = kalman.locked_out_since.is_some_and(|t| now.seconds_since(t) > LOCKED_OUT_S);
-        let moved = self.carry_back(now, corrections.iter().flatten());
-        if self.modes.mode() == Mode::Rejoining {
-            // On the way back the published position glides; what the filter still corrects is part of the way.
-            self.offset_ned -= Vector3::new(moved.x, moved.y, 0.0);
-        }
+        self.carry_back(now, corrections.iter().flatten());
         if locked_out && self.modes.mode() == Mode::Aided {
             // GNSS is trusted and the filter will not have it: then the filter is wrong.
             if self.led(now) {
@@ -317,18 +313,17 @@ impl Navigator {
         }
     }
 
-    /// Carries corrections into the remembered past; returns what they moved the position by.
-    pub(super) fn carry_back<'a>(
-        &mut self,
-        now: ApTime,
-        corrections: impl Iterator<Item = &'a Correction>,
-    ) -> Vector3<f64> {
+    /// Carries corrections into the remembered past. On the way back to GNSS the published position glides, and what the filter still
+    /// corrects is part of the way.
+    pub(super) fn carry_back<'a>(&mut self, now: ApTime, corrections: impl Iterator<Item = &'a Correction>) {
         let (mut p, mut v) = (Vector3::zeros(), Vector3::zeros());
         for c in corrections {
             p += c.position_ned;
             v += c.velocity_ned;
         }
         self.history.correct(now, &p, &v);
-        p
+        if self.modes.mode() == Mode::Rejoining {
+            self.offset_ned -= Vector3::new(p.x, p.y, 0.0);
+        }
     }
 }

@@ -3,8 +3,8 @@
 //! While GNSS is trusted, Grip's observer (IMU, GNSS, magnetometer) estimates attitude, gyro bias, position and velocity, the height
 //! filter the height, and every flow sensor is compared with GNSS. When the observer has found the attitude it starts the error-state
 //! filter, whose estimate is published from then on, and watches it. Without magnetometer and flow a bank of filters finds the heading from
-//! motion and starts it, and nothing watches. When GNSS is lost, the filter goes on with flow, magnetometer and
-//! height and its covariance grows; beside it Fusini's dead-reckoning observer goes on from Grip's state with the gyro bias frozen, which is
+//! motion and starts it, and nothing watches. When GNSS is lost, the filter goes on with flow, or airspeed, rotor drag or standing still, with
+//! magnetometer and height, and its covariance grows; beside it Fusini's dead-reckoning observer goes on from Grip's state with the gyro bias frozen, which is
 //! what is published where the observers navigate alone (`nlo`), with an error budget. [`modes`] says when.
 
 mod aiding;

@@ -17,6 +17,8 @@ use super::trust::{GnssFault, GnssState, GnssTrust};
 const JOINED_M: f64 = 0.05;
 /// Attitude uncertainty while aligning, rad.
 const UNKNOWN_ATTITUDE: f64 = 0.5;
+/// What carries is told when it has carried for this long, s.
+const CARRIER_TOLD_S: f64 = 3.0;
 /// Velocity uncertainty with GNSS, m/s.
 const AIDED_VELOCITY_SIGMA: f64 = 0.15;
 /// What "not known" is in metres and m/s: for a solution that is still aligning.
@@ -33,6 +35,10 @@ pub(super) struct ModeState {
     /// Since when the injection has been small.
     calm_since: Option<ApTime>,
     coasting_since: Option<ApTime>,
+    /// What carries in this outage, and since when.
+    carried: Option<(Carrier, ApTime)>,
+    /// Which of them was told last.
+    carrier_told: Option<Carrier>,
 }
 
 impl ModeState {
@@ -43,6 +49,8 @@ impl ModeState {
             attitude_started: None,
             calm_since: None,
             coasting_since: None,
+            carried: None,
+            carrier_told: None,
         }
     }
 
@@ -140,6 +148,10 @@ impl Navigator {
         }
         self.modes.mode = to;
         self.modes.coasting_since = None;
+        if !matches!(to, Mode::Holdover | Mode::Lost) {
+            self.modes.carried = None;
+            self.modes.carrier_told = None;
+        }
         if to == Mode::Aligning {
             self.modes.calm_since = None;
         }
@@ -217,6 +229,7 @@ impl Navigator {
         } else {
             Carrier::Inertial
         };
+        self.tell_carrier(now);
         if self.carrier != Carrier::Inertial {
             self.modes.coasting_since = None;
         } else if let Some(budget) = &mut self.budget {
@@ -224,6 +237,19 @@ impl Navigator {
             self.modes.coasting_since.get_or_insert(now);
         }
         self.glide_step(dt);
+    }
+
+    /// Tells what carries, once it has done so for a while: flow comes and goes with the ground.
+    fn tell_carrier(&mut self, now: ApTime) {
+        let carrier = self.carrier;
+        let (_, since) = *self
+            .modes
+            .carried
+            .insert(self.modes.carried.filter(|(of, _)| *of == carrier).unwrap_or((carrier, now)));
+        if now.seconds_since(since) > CARRIER_TOLD_S && self.modes.carrier_told != Some(carrier) {
+            self.modes.carrier_told = Some(carrier);
+            self.tell(now, What::Carried(carrier));
+        }
     }
 
     fn give_up_if_uncertain(&mut self, now: ApTime) {

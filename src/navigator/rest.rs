@@ -89,10 +89,7 @@ impl Navigator {
                 for c in &corrections {
                     self.nis.fused(Measured::Standstill, c.nis);
                 }
-                let moved = self.carry_back(s.time, corrections.iter());
-                if self.modes.mode() == Mode::Rejoining {
-                    self.offset_ned -= Vector3::new(moved.x, moved.y, 0.0);
-                }
+                self.carry_back(s.time, corrections.iter());
             }
             Err(_) => {
                 self.rest.resting = false;

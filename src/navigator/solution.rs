@@ -51,6 +51,20 @@ pub enum Carrier {
     Inertial,
 }
 
+impl Carrier {
+    /// What it is, for people.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Carrier::Gnss => "GNSS",
+            Carrier::Flow => "optical flow",
+            Carrier::Airspeed => "airspeed",
+            Carrier::Drag => "rotor drag",
+            Carrier::Standstill => "standing still",
+            Carrier::Inertial => "inertia alone",
+        }
+    }
+}
+
 /// Position, velocity and attitude with their uncertainty. All in NED at the navigator's origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {

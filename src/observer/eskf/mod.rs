@@ -239,11 +239,6 @@ impl Eskf {
         self.p[(DRAG, DRAG)].max(0.0).sqrt()
     }
 
-    /// Covariance of the wind, north and east, m²/s².
-    pub fn wind_covariance(&self) -> nalgebra::Matrix2<f64> {
-        self.p.fixed_view::<2, 2>(WIND, WIND).into_owned()
-    }
-
     /// Whether everything is finite. The covariance's part of it is found where the covariance changes, which is not at every sample.
     pub fn is_finite(&self) -> bool {
         self.sound && self.state.is_finite()
