@@ -4,7 +4,7 @@
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity};
 
 use crate::navigator::event::What;
-use crate::navigator::solution::Mode;
+use crate::navigator::solution::{Carrier, Mode};
 use crate::time::{Companion, Stamp};
 use crate::wire::protocol::statustext::StatusTextWriter;
 
@@ -37,6 +37,7 @@ impl Weight {
             What::Reset(_) | What::WalkedBack(_) | What::FlowDistrusted(..) | What::BaroStep(_) => {
                 Weight::Warning
             }
+            What::Carried(Carrier::Inertial) => Weight::Warning,
             _ => Weight::Info,
         }
     }
