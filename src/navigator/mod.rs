@@ -59,7 +59,7 @@ use xkf::SecondStage;
 
 /// How long after its last measurement an axis of the measurement signal counts as measured.
 const SIGNAL_HOLD: Span = Span::from_millis(700);
-/// Longest delay of a fix.
+/// The predictor remembers this much of the past; fixes have to be younger still, see [`history::CORRECTED_S`].
 const LONGEST_DELAY: Span = Span::from_millis(1500);
 /// IMU samples remembered: 1.5 s at 333 Hz.
 const HISTORY_SAMPLES: usize = 512;
