@@ -2,5 +2,7 @@
 
 pub mod atmosphere;
 pub mod height;
+pub mod probability;
 
 pub use height::{HeightFilter, HeightSettings, HeightVerdict};
+pub use probability::normal_operation;
