@@ -18,6 +18,8 @@ use super::settings::{AltimeterSettings, DetectionSettings};
 const MAX_STEP_S: f64 = 0.5;
 /// The limit of (32), in standard deviations.
 const LIMIT: f64 = 3.0;
+/// The height has settled when its standard deviation is this part of a sample's.
+const SETTLED: f64 = 0.5;
 /// Log-odds by which a bias has to be zero to be over.
 const HEALED: f64 = -2.0;
 /// Changes that can wait to be asked for.
@@ -56,6 +58,8 @@ pub struct Altimeter {
     onsets: Onsets,
     channels: [ChannelState; 4],
     started: bool,
+    /// The height was once known better than a sample tells it: a fault before cannot be told from a wrong start.
+    settled: bool,
     /// Time of the state, s since the start.
     clock_s: f64,
     /// What has been integrated since: time, ∫u and ∫∫u.
@@ -79,6 +83,7 @@ impl Altimeter {
             onsets: Onsets::new(d.spacing_s, d.window_s),
             channels: [channel; 4],
             started: false,
+            settled: false,
             clock_s: 0.0,
             pending: (0.0, 0.0, 0.0),
             changes: [None; CHANGES],
@@ -226,7 +231,10 @@ impl Altimeter {
         }
         let prob = normal_operation(normalised, 1.0, LIMIT);
         let weight = if prob < self.settings.least_prob { 0.0 } else { prob };
-        self.onsets.open(self.clock_s);
+        self.settled |= self.joint.sigma(HEIGHT) < SETTLED * sigma;
+        if self.settled {
+            self.onsets.open(self.clock_s);
+        }
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
         self.onsets.measured(channel, &innovation, &gain, self.in_use());
         self.note_noise(channel, &innovation, r);
