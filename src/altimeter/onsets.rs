@@ -164,12 +164,13 @@ impl Onsets {
         }
     }
 
-    /// Opens an onset before the measurement that comes now, when the newest is old enough.
-    pub(super) fn open(&mut self, now_s: f64) {
+    /// Opens an onset before the measurement that comes now, when the newest is old enough or when something may begin with it.
+    pub(super) fn open(&mut self, now_s: f64, suspicious: bool) {
         while self.len > 0 && now_s - self.onsets[0].time_s > self.window_s {
             self.remove(0);
         }
-        if self.len > 0 && now_s - self.onsets[self.len - 1].time_s < self.spacing_s - 1e-9 {
+        let newest = self.onsets.get(self.len.wrapping_sub(1));
+        if !suspicious && newest.is_some_and(|n| now_s - n.time_s < self.spacing_s - 1e-9) {
             return;
         }
         if self.len == ONSETS {

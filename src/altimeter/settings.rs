@@ -69,6 +69,12 @@ impl DetectionSettings {
             relief: 9.0,
         }
     }
+
+    /// For a vehicle's own sensors, whose noise is neither white nor Gaussian: with a larger log-likelihood ratio `ratio`, over a window
+    /// of `window_s`, s.
+    pub const fn recorded(ratio: f64, window_s: f64) -> Self {
+        Self { ratio, spacing_s: 0.1, window_s, ..Self::paper(0.5) }
+    }
 }
 
 impl AltimeterSettings {
@@ -81,11 +87,8 @@ impl AltimeterSettings {
         let bias_variance = model.accel_sigma_mps2.powi(2) + model.gravity_sigma_mps2.powi(2);
         let walk = |variance: f64| (variance / step_s).sqrt();
         let known = OffsetModel { sigma_m: 0.0, walk: 0.0, rate: 0.0 };
-        let baro_offset = OffsetModel {
-            sigma_m: model.baro_offset_sigma_m,
-            walk: walk(q[4]),
-            rate: model.beta_per_s,
-        };
+        let baro_offset =
+            OffsetModel { sigma_m: model.baro_offset_sigma_m, walk: walk(q[4]), rate: model.beta_per_s };
         let channel = |variance: f64, offset| ChannelSettings { noise_m: variance.sqrt(), offset };
         Self {
             inertial: InertialModel {

@@ -18,8 +18,14 @@ use super::settings::{AltimeterSettings, DetectionSettings};
 const MAX_STEP_S: f64 = 0.5;
 /// The limit of (32), in standard deviations.
 const LIMIT: f64 = 3.0;
+/// A channel without a height of its own that was silent for this long begins anew, s.
+const FORGOTTEN_S: f64 = 3.0;
 /// A channel has settled when its prediction's variance is this part of a sample's.
 const SETTLED: f64 = 0.1;
+/// An innovation beyond this may be the first of a fault, in standard deviations.
+const SUSPICIOUS: f64 = 2.5;
+/// Or after so many samples.
+const SETTLING: u32 = 20;
 /// Log-odds by which a bias has to be zero to be over.
 const HEALED: f64 = -2.0;
 /// Changes that can wait to be asked for.
@@ -44,6 +50,10 @@ struct ChannelState {
     started: bool,
     /// What it should read was once known better than a sample tells it. Before, a fault cannot be told from a wrong start.
     settled: bool,
+    /// Its last innovation was a large one.
+    far: bool,
+    /// Samples so far, while it settles.
+    settling: u32,
     /// Since when a bias is declared, s.
     biased_since_s: Option<f64>,
     /// What the offset was when the bias was declared, m.
@@ -73,6 +83,8 @@ impl Altimeter {
         let channel = ChannelState {
             started: false,
             settled: false,
+            far: false,
+            settling: 0,
             biased_since_s: None,
             offset_before_m: 0.0,
             noise: GrownNoise::default(),
@@ -154,6 +166,14 @@ impl Altimeter {
         self.clock_s + self.pending.0
     }
 
+    /// A channel's offset may change faster for now (a barometer in the ground effect): it walks by `walk` m/√s over `dt` seconds.
+    pub fn loosen(&mut self, channel: Channel, walk: f64, dt: f64) {
+        let q = walk * walk * dt;
+        if q > 0.0 && q.is_finite() && self.channels[channel.index()].started {
+            self.joint.p[(channel.offset(), channel.offset())] += q;
+        }
+    }
+
     /// The origin has moved up by `up_m`: heights above it become smaller.
     pub fn shift_origin(&mut self, up_m: f64) {
         if !self.started || !up_m.is_finite() {
@@ -219,6 +239,11 @@ impl Altimeter {
             return HeightVerdict::Rejected(f64::NAN);
         }
         self.catch_up();
+        if !channel.is_absolute() && self.clock_s - self.channels[i].heard_s > FORGOTTEN_S {
+            // The ground under the beam is another one, and what a second barometer was off by is known no better than from now on.
+            self.channels[i].started = false;
+            self.channels[i].biased_since_s = None;
+        }
         if !self.channels[i].started {
             self.start(channel, y, sigma);
         }
@@ -229,12 +254,15 @@ impl Altimeter {
         if !normalised.is_finite() {
             return HeightVerdict::Rejected(normalised);
         }
-        self.channels[i].settled |= innovation.variance - r < SETTLED * r;
+        self.channels[i].settling = self.channels[i].settling.saturating_add(1);
+        self.channels[i].settled |= innovation.variance - r < SETTLED * r || self.channels[i].settling > SETTLING;
         let settled = self.channels[i].settled;
         let prob = if settled { normal_operation(normalised, 1.0, LIMIT) } else { 1.0 };
         let weight = if prob < self.settings.least_prob { 0.0 } else { prob };
+        let far = normalised.abs() > SUSPICIOUS;
+        let begins = !std::mem::replace(&mut self.channels[i].far, far) && far;
         if self.channels.iter().all(|c| c.settled || !c.started) {
-            self.onsets.open(self.clock_s);
+            self.onsets.open(self.clock_s, begins);
         }
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
         self.onsets.measured(channel, &innovation, &gain, self.in_use());
@@ -346,7 +374,12 @@ impl Altimeter {
                     size_m: self.joint.x[channel.fault()] - state.offset_before_m,
                     sigma_m: self.joint.sigma(channel.fault()),
                 };
-                self.tell(Change::Faulty { channel, fault, for_s: self.clock_s - since_s, height_step_m: moved_m });
+                self.tell(Change::Faulty {
+                    channel,
+                    fault,
+                    for_s: self.clock_s - since_s,
+                    height_step_m: moved_m,
+                });
                 moved_m = 0.0;
             }
         }
@@ -444,7 +477,9 @@ fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
             n += 1;
         }
         for t in s + 1..4 {
-            if heard(t) && let Some(fit) = onset.pair(s, t) {
+            if heard(t)
+                && let Some(fit) = onset.pair(s, t)
+            {
                 tried[n] = (fit.ratio - d.jump_cost - d.both_cost + noise - noisy[s] - noisy[t], Some(fit));
                 n += 1;
             }
