@@ -4,15 +4,25 @@
 //! integrated baro-inertial-GPS altimeter", over the error model in [`model`].
 
 pub mod atmosphere;
+mod fault;
 pub mod height;
 pub mod ibig;
+mod joint;
 pub mod model;
+mod noise;
+mod onsets;
 pub mod probability;
 pub mod published;
 pub mod selector;
+mod settings;
+pub mod tolerant;
 
+pub use fault::{Change, Fault, Health};
 pub use height::{HeightFilter, HeightSettings, HeightVerdict};
 pub use ibig::{Estimate, Method, PublishedAltimeter, Scheme, StepReport, fuse};
+pub use joint::{Channel, InertialModel, OffsetModel};
 pub use model::{ErrorModel, stationary_sigma};
 pub use probability::normal_operation;
 pub use published::{Ibi, Iig, Innovation, PublishedFilter, Variant};
+pub use settings::{AltimeterSettings, ChannelSettings, DetectionSettings};
+pub use tolerant::Altimeter;
