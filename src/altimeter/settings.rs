@@ -81,11 +81,8 @@ impl AltimeterSettings {
         let bias_variance = model.accel_sigma_mps2.powi(2) + model.gravity_sigma_mps2.powi(2);
         let walk = |variance: f64| (variance / step_s).sqrt();
         let known = OffsetModel { sigma_m: 0.0, walk: 0.0, rate: 0.0 };
-        let baro_offset = OffsetModel {
-            sigma_m: model.baro_offset_sigma_m,
-            walk: walk(q[4]),
-            rate: model.beta_per_s,
-        };
+        let baro_offset =
+            OffsetModel { sigma_m: model.baro_offset_sigma_m, walk: walk(q[4]), rate: model.beta_per_s };
         let channel = |variance: f64, offset| ChannelSettings { noise_m: variance.sqrt(), offset };
         Self {
             inertial: InertialModel {

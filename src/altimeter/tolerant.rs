@@ -345,7 +345,12 @@ impl Altimeter {
                     size_m: self.joint.x[channel.fault()] - state.offset_before_m,
                     sigma_m: self.joint.sigma(channel.fault()),
                 };
-                self.tell(Change::Faulty { channel, fault, for_s: self.clock_s - since_s, height_step_m: moved_m });
+                self.tell(Change::Faulty {
+                    channel,
+                    fault,
+                    for_s: self.clock_s - since_s,
+                    height_step_m: moved_m,
+                });
                 moved_m = 0.0;
             }
         }
@@ -443,7 +448,9 @@ fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
             n += 1;
         }
         for t in s + 1..4 {
-            if heard(t) && let Some(fit) = onset.pair(s, t) {
+            if heard(t)
+                && let Some(fit) = onset.pair(s, t)
+            {
                 tried[n] = (fit.ratio - d.jump_cost - d.both_cost + noise - noisy[s] - noisy[t], Some(fit));
                 n += 1;
             }

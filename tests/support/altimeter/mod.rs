@@ -5,7 +5,10 @@ pub mod detection;
 pub mod oracle;
 pub mod score;
 
-use holdover::altimeter::{ErrorModel, Method, PublishedAltimeter, Scheme};
+use holdover::altimeter::tolerant::HeightVerdict;
+use holdover::altimeter::{
+    Altimeter, AltimeterSettings, Channel, ErrorModel, Method, PublishedAltimeter, Scheme,
+};
 use holdover::sim::altimeter::{AltimeterRun, AltimeterStep, FaultCase, FaultSize, STEP_S};
 
 use detection::Detection;
@@ -19,16 +22,19 @@ pub const SCHEMES: [(Scheme, &str); 3] = [(Scheme::Ibi, "ibi"), (Scheme::Iig, "i
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
     Published(Method),
+    /// The project's own.
+    Default,
     Oracle(OnBias),
 }
 
 impl Filter {
     /// The rows of the table.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Published(Method::Okf),
         Self::Published(Method::Rkf),
         Self::Published(Method::RkfJoseph),
         Self::Published(Method::Selector),
+        Self::Default,
         Self::Oracle(OnBias::Estimate),
     ];
 
@@ -38,6 +44,7 @@ impl Filter {
             Self::Published(Method::Rkf) => "rkf",
             Self::Published(Method::RkfJoseph) => "rkf_joseph",
             Self::Published(Method::Selector) => "selector",
+            Self::Default => "default",
             Self::Oracle(_) => "oracle",
         }
     }
@@ -48,6 +55,7 @@ impl Filter {
                 altimeter: PublishedAltimeter::new(model, method),
                 selects: method == Method::Selector,
             }),
+            Self::Default => Box::new(Joint::new(|| Altimeter::new(AltimeterSettings::table_1()))),
             Self::Oracle(on_bias) => Box::new(Joint::new(|| Oracle::new(model, on_bias))),
         }
     }
@@ -115,6 +123,25 @@ impl<F: JointFilter> Contestant for Joint<F> {
             (said.delta_h[i], said.weights[i], said.alarms) = (one.delta_h, one.weights, one.alarms);
         }
         said
+    }
+}
+
+/// The direct form of the same problem: without any acceleration the height is −ΔH, and what the channels measure of it is −z.
+impl JointFilter for Altimeter {
+    fn step(&mut self, step: &AltimeterStep) -> JointSaid {
+        self.predict(STEP_S, 0.0);
+        let channels = [(Channel::Baro, step.z_ibi), (Channel::Gnss, step.z_iig)];
+        let weights = channels.map(|(channel, z)| {
+            z.map(|z| match self.measure(channel, -z, None, 0.0) {
+                HeightVerdict::Used { weight, .. } => weight,
+                HeightVerdict::Rejected(_) => 0.0,
+            })
+        });
+        JointSaid {
+            delta_h: -self.height_m().unwrap_or(0.0),
+            weights,
+            alarms: Some(channels.map(|(channel, _)| self.health(channel).is_faulty())),
+        }
     }
 }
 
