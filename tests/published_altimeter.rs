@@ -70,6 +70,12 @@ fn the_selector_finds_noisy_and_large_faults_of_one_channel() {
     assert!(noisy.scores[2].rms_m() < 0.8 * size.fused(FaultCase::BaroNoisy, OKF).rms_m());
     let detection = noisy.detection.unwrap();
     assert!(detection.right_percent() > Some(85.0) && detection.delay_steps() < Some(5.0), "{detection:?}");
+    // A faulty channel's optimal filter does not take the bias in and call it well.
+    for (case, share) in [(FaultCase::BaroBiased, 0.35), (FaultCase::BothBiased, 0.7)] {
+        let [selected, okf] = [selector, OKF].map(|filter| size.fused(case, filter));
+        assert!(selected.rms_m() < share * okf.rms_m(), "{case:?}: {} and {}", selected.rms_m(), okf.rms_m());
+        assert!(selected.locked_percent() < 15.0, "{case:?}: {} %", selected.locked_percent());
+    }
     let clean = size.outcome(FaultCase::FaultFree, selector);
     let okf = size.outcome(FaultCase::FaultFree, OKF);
     assert!(clean.scores[2].rms_m() < 1.03 * okf.scores[2].rms_m());
