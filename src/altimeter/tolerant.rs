@@ -18,8 +18,8 @@ use super::settings::{AltimeterSettings, DetectionSettings};
 const MAX_STEP_S: f64 = 0.5;
 /// The limit of (32), in standard deviations.
 const LIMIT: f64 = 3.0;
-/// The height has settled when its standard deviation is this part of a sample's.
-const SETTLED: f64 = 0.5;
+/// A channel has settled when its prediction's variance is this part of a sample's.
+const SETTLED: f64 = 0.1;
 /// Log-odds by which a bias has to be zero to be over.
 const HEALED: f64 = -2.0;
 /// Changes that can wait to be asked for.
@@ -42,6 +42,8 @@ pub enum HeightVerdict {
 #[derive(Clone, Copy, Debug)]
 struct ChannelState {
     started: bool,
+    /// What it should read was once known better than a sample tells it. Before, a fault cannot be told from a wrong start.
+    settled: bool,
     /// Since when a bias is declared, s.
     biased_since_s: Option<f64>,
     /// What the offset was when the bias was declared, m.
@@ -58,8 +60,6 @@ pub struct Altimeter {
     onsets: Onsets,
     channels: [ChannelState; 4],
     started: bool,
-    /// The height was once known better than a sample tells it: a fault before cannot be told from a wrong start.
-    settled: bool,
     /// Time of the state, s since the start.
     clock_s: f64,
     /// What has been integrated since: time, ∫u and ∫∫u.
@@ -72,6 +72,7 @@ impl Altimeter {
     pub fn new(settings: AltimeterSettings) -> Self {
         let channel = ChannelState {
             started: false,
+            settled: false,
             biased_since_s: None,
             offset_before_m: 0.0,
             noise: GrownNoise::default(),
@@ -83,7 +84,6 @@ impl Altimeter {
             onsets: Onsets::new(d.spacing_s, d.window_s),
             channels: [channel; 4],
             started: false,
-            settled: false,
             clock_s: 0.0,
             pending: (0.0, 0.0, 0.0),
             changes: [None; CHANGES],
@@ -229,10 +229,11 @@ impl Altimeter {
         if !normalised.is_finite() {
             return HeightVerdict::Rejected(normalised);
         }
-        let prob = normal_operation(normalised, 1.0, LIMIT);
+        self.channels[i].settled |= innovation.variance - r < SETTLED * r;
+        let settled = self.channels[i].settled;
+        let prob = if settled { normal_operation(normalised, 1.0, LIMIT) } else { 1.0 };
         let weight = if prob < self.settings.least_prob { 0.0 } else { prob };
-        self.settled |= self.joint.sigma(HEIGHT) < SETTLED * sigma;
-        if self.settled {
+        if self.channels.iter().all(|c| c.settled || !c.started) {
             self.onsets.open(self.clock_s);
         }
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
