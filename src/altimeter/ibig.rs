@@ -14,7 +14,8 @@ pub enum Method {
     /// The robust one with the covariance that belongs to its gain.
     RkfJoseph,
     /// What the paper recommends: no channel faulty, the fused optimal filters; one faulty, the healthy one's optimal filter; both
-    /// faulty, the fused robust filters as printed. [`ChannelTest`] decides which are faulty.
+    /// faulty, the fused robust filters as printed. [`ChannelTest`] decides which are faulty; the optimal filter of a channel uses none of
+    /// its measurements while it is.
     Selector,
 }
 
@@ -73,9 +74,13 @@ impl Pair {
         Self { ibi: Ibi::new(model, variant), iig: Iig::new(model, variant) }
     }
 
-    fn step(&mut self, dt_s: f64, z_ibi: Option<f64>, z_iig: Option<f64>) -> StepReport {
+    fn predict(&mut self, dt_s: f64) {
         self.ibi.predict(dt_s);
         self.iig.predict(dt_s);
+    }
+
+    fn step(&mut self, dt_s: f64, z_ibi: Option<f64>, z_iig: Option<f64>) -> StepReport {
+        self.predict(dt_s);
         StepReport {
             ibi: z_ibi.and_then(|z| self.ibi.update(z)),
             iig: z_iig.and_then(|z| self.iig.update(z)),
@@ -126,28 +131,16 @@ impl PublishedAltimeter {
 
     /// Goes on by `dt_s` and uses the measurements there are then: inertial less barometric altitude and inertial less GNSS altitude, m.
     ///
-    /// The report is of the filters whose weight the estimate has: of the selector's optimal ones too.
+    /// The report is of the filters that the fused estimate comes from: a channel that the selector leaves out has no weight.
     pub fn step(&mut self, dt_s: f64, z_ibi: Option<f64>, z_iig: Option<f64>) -> StepReport {
-        let report = self.pair.step(dt_s, z_ibi, z_iig);
-        let Some(selection) = &mut self.selection else { return report };
+        let Some(selection) = &mut self.selection else { return self.pair.step(dt_s, z_ibi, z_iig) };
         let robust = selection.robust.step(dt_s, z_ibi, z_iig);
-        let both = [(&mut selection.ibi, report.ibi), (&mut selection.iig, report.iig)];
-        for (test, innovation) in both {
-            if let Some(innovation) = innovation {
-                test.add(innovation.normalised);
-            }
-        }
-        match (selection.ibi.is_faulty(), selection.iig.is_faulty()) {
-            (true, true) => robust,
-            (ibi, iig) => {
-                // A channel that is not used has no weight.
-                let left_out = |i: Innovation| Innovation { prob: 0.0, ..i };
-                StepReport {
-                    ibi: if ibi { report.ibi.map(left_out) } else { report.ibi },
-                    iig: if iig { report.iig.map(left_out) } else { report.iig },
-                }
-            }
-        }
+        self.pair.predict(dt_s);
+        let optimal = StepReport {
+            ibi: z_ibi.and_then(|z| selection.ibi.guard(&mut self.pair.ibi, z)),
+            iig: z_iig.and_then(|z| selection.iig.guard(&mut self.pair.iig, z)),
+        };
+        if selection.ibi.is_faulty() && selection.iig.is_faulty() { robust } else { optimal }
     }
 
     /// The estimate of a scheme. The selector's single channels are its optimal filter while the channel is healthy, and its robust one

@@ -94,21 +94,26 @@ impl<const N: usize> PublishedFilter<N> {
         }
     }
 
-    /// Uses a measurement `z` of now, inertial less measured altitude, m. `None`, and nothing changes, when it is no height.
-    pub fn update(&mut self, z: f64) -> Option<Innovation> {
+    /// What a measurement `z` of now would meet, inertial less measured altitude, m: (24), (29), (32). `None` when it is no height.
+    pub fn innovation(&self, z: f64) -> Option<Innovation> {
         if z.is_nan() || z.abs() > LARGEST_M {
             return None;
         }
-        let ph = self.p * self.h.transpose();
-        let variance = (self.h * ph)[0] + self.r;
-        let delta = z - (self.h * self.x)[0];
-        let normalised = delta / variance.sqrt();
+        let variance = (self.h * self.p * self.h.transpose())[0] + self.r;
+        let normalised = (z - (self.h * self.x)[0]) / variance.sqrt();
         let prob = match self.variant {
             Variant::Okf => 1.0,
             Variant::Rkf | Variant::RkfJoseph => normal_operation(normalised, 1.0, NORMAL_SIGMAS),
         };
-        let k = ph / variance;
-        self.x += k * (prob * delta);
+        Some(Innovation { normalised, variance, prob })
+    }
+
+    /// Uses it: (25), (26), (28). `None`, and nothing changes, when it is no height.
+    pub fn update(&mut self, z: f64) -> Option<Innovation> {
+        let innovation = self.innovation(z)?;
+        let Innovation { variance, prob, .. } = innovation;
+        let k = self.p * self.h.transpose() / variance;
+        self.x += k * (prob * (z - (self.h * self.x)[0]));
         self.p = match self.variant {
             Variant::Okf | Variant::Rkf => (SMatrix::identity() - k * self.h) * self.p,
             Variant::RkfJoseph => {
@@ -118,7 +123,7 @@ impl<const N: usize> PublishedFilter<N> {
         };
         // (26) loses the symmetry to rounding.
         self.p = (self.p + self.p.transpose()) * 0.5;
-        Some(Innovation { normalised, variance, prob })
+        Some(innovation)
     }
 
     /// The error of the inertial altitude, ΔH_I, m.
@@ -129,6 +134,11 @@ impl<const N: usize> PublishedFilter<N> {
     /// Its variance, m².
     pub fn variance(&self) -> f64 {
         self.p[(0, 0)]
+    }
+
+    /// R of its measurements, m².
+    pub fn noise_variance(&self) -> f64 {
+        self.r
     }
 
     /// The state.
