@@ -31,10 +31,10 @@ pub(super) struct Onset {
     pub(super) time_s: f64,
     /// J of every jump.
     pub(super) effect: [[f64; STATES]; JUMPS],
-    /// C, upper triangle.
-    information: [[f64; JUMPS]; JUMPS],
-    /// d.
-    evidence: [f64; JUMPS],
+    /// C, upper triangle, by the channel whose innovations are in it.
+    information: [[[f64; JUMPS]; JUMPS]; 4],
+    /// d, likewise.
+    evidence: [[f64; JUMPS]; 4],
     /// Σν²/S of each channel.
     pub(super) square: [f64; 4],
     /// The same, no sample counting for more than an outlier.
@@ -66,21 +66,32 @@ impl Onset {
         Self {
             time_s,
             effect,
-            information: [[0.0; JUMPS]; JUMPS],
-            evidence: [0.0; JUMPS],
+            information: [[[0.0; JUMPS]; JUMPS]; 4],
+            evidence: [[0.0; JUMPS]; 4],
             square: [0.0; 4],
             bounded: [0.0; 4],
             count: [0; 4],
         }
     }
 
-    /// The hypothesis that `s` alone jumped.
-    pub(super) fn single(&self, s: usize) -> Option<Fit> {
-        let c = self.information[s][s];
-        let size = self.evidence[s] / c;
+    /// C of two jumps, the channels weighted.
+    fn information(&self, s: usize, t: usize, weights: &[f64; 4]) -> f64 {
+        (0..4).map(|c| weights[c] * self.information[c][s][t]).sum()
+    }
+
+    /// d of a jump, the channels weighted.
+    fn evidence(&self, s: usize, weights: &[f64; 4]) -> f64 {
+        (0..4).map(|c| weights[c] * self.evidence[c][s]).sum()
+    }
+
+    /// The hypothesis that `s` alone jumped. A channel whose noise has grown has the weight of its variance.
+    pub(super) fn single(&self, s: usize, weights: &[f64; 4]) -> Option<Fit> {
+        let c = self.information(s, s, weights);
+        let d = self.evidence(s, weights);
+        let size = d / c;
         (c > 0.0).then(|| Fit {
             jumps: [s, s],
-            ratio: 0.5 * self.evidence[s] * size,
+            ratio: 0.5 * d * size,
             size: [size, 0.0],
             covariance: [[1.0 / c, 0.0], [0.0, 0.0]],
         })
@@ -88,28 +99,31 @@ impl Onset {
 
     /// The hypothesis that the inertial altitude jumped, with a prior N(0, F²) on the climb rate's jump, m/s: its odds are
     /// exp(½ d²/(C + F⁻²))/√(1 + F² C).
-    pub(super) fn inertial(&self, prior_mps: f64) -> Option<Fit> {
+    pub(super) fn inertial(&self, prior_mps: f64, weights: &[f64; 4]) -> Option<Fit> {
         let prior = prior_mps * prior_mps;
-        let c = self.information[INERTIAL][INERTIAL];
+        let c = self.information(INERTIAL, INERTIAL, weights);
+        let d = self.evidence(INERTIAL, weights);
         let variance = prior / (1.0 + prior * c);
-        let size = self.evidence[INERTIAL] * variance;
+        let size = d * variance;
         (prior > 0.0 && c > 0.0).then(|| Fit {
             jumps: [INERTIAL, INERTIAL],
-            ratio: 0.5 * self.evidence[INERTIAL] * size - 0.5 * (1.0 + prior * c).ln(),
+            ratio: 0.5 * d * size - 0.5 * (1.0 + prior * c).ln(),
             size: [size, 0.0],
             covariance: [[variance, 0.0], [0.0, 0.0]],
         })
     }
 
     /// The hypothesis that `s` and a later `t` jumped.
-    pub(super) fn pair(&self, s: usize, t: usize) -> Option<Fit> {
-        let (a, b, c) = (self.information[s][s], self.information[s][t], self.information[t][t]);
+    pub(super) fn pair(&self, s: usize, t: usize, weights: &[f64; 4]) -> Option<Fit> {
+        let a = self.information(s, s, weights);
+        let b = self.information(s, t, weights);
+        let c = self.information(t, t, weights);
         let det = a * c - b * b;
         // Two jumps that look alike cannot be told apart.
         if det.is_nan() || det <= 1e-9 * a * c {
             return None;
         }
-        let (d, e) = (self.evidence[s], self.evidence[t]);
+        let (d, e) = (self.evidence(s, weights), self.evidence(t, weights));
         let size = [(c * d - b * e) / det, (a * e - b * d) / det];
         Some(Fit {
             jumps: [s, t],
@@ -134,6 +148,8 @@ pub(super) struct Onsets {
     /// Oldest first.
     onsets: [Onset; ONSETS],
     len: usize,
+    /// The onset that explains best so far: it is not thinned out.
+    kept_s: f64,
     spacing_s: f64,
     window_s: f64,
 }
@@ -144,11 +160,16 @@ const OUTLIER: f64 = 16.0;
 impl Onsets {
     /// Onsets at least `spacing_s` apart, no older than `window_s`.
     pub(super) fn new(spacing_s: f64, window_s: f64) -> Self {
-        Self { onsets: [Onset::new(0.0); ONSETS], len: 0, spacing_s, window_s }
+        Self { onsets: [Onset::new(0.0); ONSETS], len: 0, kept_s: f64::NAN, spacing_s, window_s }
     }
 
     pub(super) fn clear(&mut self) {
         self.len = 0;
+    }
+
+    /// This onset explains what came best so far.
+    pub(super) fn keep(&mut self, time_s: f64) {
+        self.kept_s = time_s;
     }
 
     pub(super) fn iter(&self) -> impl Iterator<Item = &Onset> {
@@ -186,7 +207,7 @@ impl Onsets {
         for i in 1..ONSETS - DENSE {
             let gap = self.onsets[i + 1].time_s - self.onsets[i - 1].time_s;
             let age = now_s - self.onsets[i].time_s;
-            if gap / age < least.0 {
+            if gap / age < least.0 && self.onsets[i].time_s != self.kept_s {
                 least = (gap / age, i);
             }
         }
@@ -207,6 +228,7 @@ impl Onsets {
         in_use: [bool; JUMPS],
     ) {
         let (o, f) = (channel.offset(), channel.fault());
+        let c = channel.index();
         let separate = f != o;
         let weight = 1.0 / innovation.variance;
         let scaled = innovation.value * weight;
@@ -223,14 +245,13 @@ impl Onsets {
                 for (e, g) in effect.iter_mut().zip(gain.iter()) {
                     *e += g * r;
                 }
-                onset.evidence[s] += r * scaled;
+                onset.evidence[c][s] += r * scaled;
             }
             for s in 0..JUMPS {
                 for t in s..JUMPS {
-                    onset.information[s][t] += response[s] * response[t] * weight;
+                    onset.information[c][s][t] += response[s] * response[t] * weight;
                 }
             }
-            let c = channel.index();
             onset.square[c] += square;
             onset.bounded[c] += square.min(OUTLIER);
             onset.count[c] += 1;

@@ -255,7 +255,8 @@ impl Altimeter {
             return HeightVerdict::Rejected(normalised);
         }
         self.channels[i].settling = self.channels[i].settling.saturating_add(1);
-        self.channels[i].settled |= innovation.variance - r < SETTLED * r || self.channels[i].settling > SETTLING;
+        self.channels[i].settled |=
+            innovation.variance - r < SETTLED * r || self.channels[i].settling > SETTLING;
         let settled = self.channels[i].settled;
         let prob = if settled { normal_operation(normalised, 1.0, LIMIT) } else { 1.0 };
         let weight = if prob < self.settings.least_prob { 0.0 } else { prob };
@@ -317,6 +318,9 @@ impl Altimeter {
         let d = &self.settings.detection;
         let explanations = self.onsets.iter().map(|onset| explain(onset, d));
         let best = explanations.reduce(|a, b| if b.score > a.score { b } else { a });
+        if let Some(best) = &best {
+            self.onsets.keep(best.since_s);
+        }
         let Some(found) = best.filter(|e| e.ready) else { return };
         for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
             if let Some((factor, samples)) = grown {
@@ -454,17 +458,24 @@ struct Explanation {
 /// What an explanation declares has to be ahead of every explanation without it.
 fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
     let mut noisy = [0.0; 4];
+    let mut quiet = [1.0; 4];
     let mut total = 0;
     for c in 0..4 {
         total += onset.count[c];
-        noisy[c] = (Onset::noise(onset.square[c], onset.count[c]).0 - d.noise_cost).max(0.0);
+        let (ratio, factor) = Onset::noise(onset.square[c], onset.count[c]);
+        if ratio > d.noise_cost {
+            noisy[c] = ratio - d.noise_cost;
+            quiet[c] = 1.0 / factor;
+        }
     }
     let noise: f64 = noisy.iter().sum();
+    // A channel that jumped has its own noise, one that did not has what its innovations show.
+    let weights = |s: usize, t: usize| std::array::from_fn(|c| if c == s || c == t { 1.0 } else { quiet[c] });
     let heard = |c: usize| onset.count[c] > 0;
     // Scores of: no jump, the inertial altitude, one channel, two channels.
     let mut tried: [(f64, Option<Fit>); 12] = [(f64::NEG_INFINITY, None); 12];
     tried[0].0 = noise;
-    if let Some(fit) = onset.inertial(d.climb_jump_mps) {
+    if let Some(fit) = onset.inertial(d.climb_jump_mps, &[1.0; 4]) {
         tried[1] = (fit.ratio - d.jump_cost, Some(fit));
     }
     let mut n = 2;
@@ -472,13 +483,13 @@ fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
         if !heard(s) {
             continue;
         }
-        if let Some(fit) = onset.single(s) {
+        if let Some(fit) = onset.single(s, &weights(s, s)) {
             tried[n] = (fit.ratio - d.jump_cost + noise - noisy[s], Some(fit));
             n += 1;
         }
         for t in s + 1..4 {
             if heard(t)
-                && let Some(fit) = onset.pair(s, t)
+                && let Some(fit) = onset.pair(s, t, &weights(s, t))
             {
                 tried[n] = (fit.ratio - d.jump_cost - d.both_cost + noise - noisy[s] - noisy[t], Some(fit));
                 n += 1;
@@ -505,10 +516,14 @@ fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
     match &best.1 {
         Some(fit) => {
             ready &= fit.ratio - d.jump_cost > d.ratio;
+            let mut seen = 0;
             for s in fit.jumps {
-                ready &= onset.count.get(s).map_or(total, |n| *n) >= d.samples;
+                let n = onset.count.get(s).map_or(total, |n| *n);
+                seen += n;
+                ready &= n >= d.samples.div_ceil(2);
                 ready &= ahead_of(&|other| !jumps(other, s));
             }
+            ready &= seen >= 2 * d.samples;
         }
         None => ready = grown.iter().any(Option::is_some),
     }

@@ -11,8 +11,8 @@ use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::drag::DragSettings;
 use crate::navigator::settings::{
-    Estimator, FlowBiasSource, FlowSettings, GnssSettings, HeightSettings, HoldoverSettings, NavigatorSettings,
-    ObserverSettings, RejoinSettings,
+    Estimator, FlowBiasSource, FlowSettings, GnssSettings, HeightSettings, HoldoverSettings,
+    NavigatorSettings, ObserverSettings, RejoinSettings,
 };
 use crate::navigator::trust::TrustSettings;
 use crate::observer::eskf::EskfSettings;
