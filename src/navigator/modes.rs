@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Vector2, Vector3};
 
+use crate::altimeter::HeightFilter;
 use crate::time::ApTime;
 
 use super::Navigator;
@@ -170,6 +171,8 @@ impl Navigator {
         self.state = None;
         self.last_imu = None;
         self.magnetic = None;
+        // Nobody knows how high it stands.
+        self.height = HeightFilter::new(self.settings.height.kind, self.settings.height.altimeter);
         self.heights = HeightState::default();
         self.forget_flow_times();
         self.offset_ned = Vector3::zeros();
