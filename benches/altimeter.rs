@@ -27,7 +27,7 @@ fn tolerant_step(bencher: Bencher<'_, '_>, case: FaultCase) {
     bencher.counter(ItemsCount::new(run.steps.len())).with_inputs(|| begin.clone()).bench_local_values(
         |mut altimeter| {
             for step in &run.steps {
-                altimeter.predict(STEP_S, 0.0);
+                altimeter.predict(STEP_S, 0.0, 0.0);
                 for (channel, z) in [(Channel::Baro, step.z_ibi), (Channel::Gnss, step.z_iig)] {
                     if let Some(z) = z {
                         divan::black_box(altimeter.measure(channel, -z, None, 0.0));
@@ -59,9 +59,9 @@ fn published_step(bencher: Bencher<'_, '_>, method: Method) {
 fn predict(bencher: Bencher<'_, '_>) {
     let mut altimeter = Altimeter::new(AltimeterSettings::table_1());
     for step in &run(FaultCase::FaultFree).steps {
-        altimeter.predict(STEP_S, 0.0);
+        altimeter.predict(STEP_S, 0.0, 0.0);
         altimeter.measure(Channel::Baro, -step.z_ibi.unwrap(), None, 0.0);
         altimeter.measure(Channel::Gnss, -step.z_iig.unwrap(), None, 0.0);
     }
-    bencher.bench_local(|| altimeter.predict(0.005, divan::black_box(0.1)));
+    bencher.bench_local(|| altimeter.predict(0.005, divan::black_box(0.1), 0.0));
 }

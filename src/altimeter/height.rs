@@ -72,8 +72,12 @@ impl HeightFilter {
     }
 
     /// Predicts over `dt` seconds with the upward acceleration `accel_up` (m/s², gravity taken out).
-    pub fn predict(&mut self, dt: f64, accel_up: f64) {
-        either!(self, f => f.predict(dt, accel_up));
+    /// `noise` is the noise density of that acceleration beyond the settings', m/s²/√Hz; the published altimeters have their own.
+    pub fn predict(&mut self, dt: f64, accel_up: f64, noise: f64) {
+        match self {
+            Self::Tolerant(f) => f.predict(dt, accel_up, noise),
+            Self::Published(f) => f.predict(dt, accel_up),
+        }
     }
 
     /// A channel's height, m, measured `age_s` ago, with the standard deviation that the sensor claims, if it does. `None` when this

@@ -173,7 +173,8 @@ impl Joint {
     }
 
     /// (23)(27) over the transition's interval, with the integrals of the upward acceleration over it: Δv = ∫u, Δh = ∫∫u.
-    pub(super) fn predict(&mut self, phi: &Transition, delta_v: f64, delta_h: f64) {
+    /// `noise` is the squared noise density of that acceleration beyond the model's.
+    pub(super) fn predict(&mut self, phi: &Transition, delta_v: f64, delta_h: f64, noise: f64) {
         phi.apply(self.x.as_mut_slice().try_into().unwrap_or(&mut [0.0; STATES]));
         self.x[HEIGHT] += delta_h;
         self.x[CLIMB] += delta_v;
@@ -187,7 +188,7 @@ impl Joint {
         }
         self.p = rows;
         let dt = phi.dt;
-        let q = self.inertial.accel_noise * self.inertial.accel_noise;
+        let q = self.inertial.accel_noise * self.inertial.accel_noise + noise;
         self.p[(HEIGHT, HEIGHT)] += q * dt * dt * dt / 3.0;
         self.p[(HEIGHT, CLIMB)] += 0.5 * q * dt * dt;
         self.p[(CLIMB, HEIGHT)] += 0.5 * q * dt * dt;

@@ -74,6 +74,12 @@ impl Onset {
         }
     }
 
+    /// Whether a channel was heard and can be faulty: the ground may be anywhere, that is no fault of the rangefinder, but it has its say
+    /// about the others.
+    pub(super) fn may_jump(&self, s: usize) -> bool {
+        self.count[s] > 0 && s != Channel::Range.index()
+    }
+
     /// C of two jumps, the channels weighted.
     fn information(&self, s: usize, t: usize, weights: &[f64; 4]) -> f64 {
         (0..4).map(|c| weights[c] * self.information[c][s][t]).sum()
@@ -127,9 +133,9 @@ impl Onset {
         let ratio = |fit: Option<Fit>| fit.map_or(f64::NEG_INFINITY, |f| f.ratio);
         let larger = |a: f64, b: f64| if b > a { b } else { a };
         let mut most = [ratio(self.inertial(inertial_mps, &even)), f64::NEG_INFINITY];
-        for s in (0..4).filter(|s| self.count[*s] > 0) {
+        for s in (0..4).filter(|s| self.may_jump(*s)) {
             most[0] = larger(most[0], ratio(self.single(s, &even)));
-            for t in (s + 1..4).filter(|t| self.count[*t] > 0) {
+            for t in (s + 1..4).filter(|t| self.may_jump(*t)) {
                 most[1] = larger(most[1], ratio(self.pair(s, t, &even)));
             }
         }

@@ -29,6 +29,8 @@ pub struct DetectionSettings {
     pub climb_jump_mps: f64,
     /// Samples of a channel that a fault of it takes at least.
     pub samples: u32,
+    /// A fault has to last for this long, s: the errors of real sensors are not white.
+    pub lasting_s: f64,
     /// Onsets are looked for at this spacing, s …
     pub spacing_s: f64,
     /// … and over this time, s.
@@ -63,6 +65,7 @@ impl DetectionSettings {
             noise_cost: 2.0,
             climb_jump_mps: 0.0,
             samples: 5,
+            lasting_s: 0.0,
             spacing_s: step_s,
             window_s: 80.0 * step_s,
             bias_m: 30.0,
@@ -73,7 +76,7 @@ impl DetectionSettings {
     /// For a vehicle's own sensors, whose noise is neither white nor Gaussian: with a larger log-likelihood ratio `ratio`, over a window
     /// of `window_s`, s.
     pub const fn recorded(ratio: f64, window_s: f64) -> Self {
-        Self { ratio, spacing_s: 0.1, window_s, ..Self::paper(0.5) }
+        Self { ratio, lasting_s: 0.4, spacing_s: 0.1, window_s, ..Self::paper(0.5) }
     }
 }
 

@@ -20,6 +20,11 @@ const MAX_STEP_S: f64 = 0.5;
 const LIMIT: f64 = 3.0;
 /// A channel without a height of its own that was silent for this long begins anew, s.
 const FORGOTTEN_S: f64 = 3.0;
+/// So many distances in a row that do not fit are to another ground.
+const ANOTHER_GROUND: u32 = 5;
+/// The least part of the inertial noise, and how fast it grows and shrinks by ν² − 1 of a sample.
+const LEAST_DOUBT: f64 = 0.02;
+const DOUBT_GAIN: [f64; 2] = [0.1, 0.02];
 /// A channel has settled when its prediction's variance is this part of a sample's.
 const SETTLED: f64 = 0.1;
 /// An innovation beyond this may be the first of a fault, in standard deviations.
@@ -60,6 +65,8 @@ struct ChannelState {
     offset_before_m: f64,
     noise: GrownNoise,
     heard_s: f64,
+    /// Samples in a row that were not used.
+    refused: u32,
 }
 
 /// See the module's documentation.
@@ -74,6 +81,10 @@ pub struct Altimeter {
     clock_s: f64,
     /// What has been integrated since: time, ∫u and ∫∫u.
     pending: (f64, f64, f64),
+    /// ∫ of the squared noise density over it.
+    pending_noise: f64,
+    /// What part of the noise that is asked for the innovations prove to be there, as variance.
+    doubt: f64,
     changes: [Option<Change>; CHANGES],
 }
 
@@ -89,6 +100,7 @@ impl Altimeter {
             offset_before_m: 0.0,
             noise: GrownNoise::default(),
             heard_s: f64::NEG_INFINITY,
+            refused: 0,
         };
         let d = &settings.detection;
         Self {
@@ -98,6 +110,8 @@ impl Altimeter {
             started: false,
             clock_s: 0.0,
             pending: (0.0, 0.0, 0.0),
+            pending_noise: 0.0,
+            doubt: LEAST_DOUBT,
             changes: [None; CHANGES],
             settings,
         }
@@ -190,7 +204,10 @@ impl Altimeter {
     }
 
     /// Predicts over `dt` seconds with the upward acceleration `accel_up` (m/s², gravity taken out).
-    pub fn predict(&mut self, dt: f64, accel_up: f64) {
+    ///
+    /// `noise` is the noise density that this acceleration may have beyond the settings' own, m/s²/√Hz: a wrong attitude shows in
+    /// manoeuvres. How much of it there is, the innovations of the barometer tell.
+    pub fn predict(&mut self, dt: f64, accel_up: f64, noise: f64) {
         if !(dt > 0.0 && dt.is_finite() && accel_up.is_finite()) {
             return;
         }
@@ -199,6 +216,7 @@ impl Altimeter {
             let (t, dv, dh) = self.pending;
             let dt = dt / steps;
             self.pending = (t + dt, dv + accel_up * dt, dh + dv * dt + 0.5 * accel_up * dt * dt);
+            self.pending_noise += if noise.is_finite() { self.doubt * noise * noise * dt } else { 0.0 };
             if t + dt >= MAX_STEP_S {
                 self.catch_up();
             }
@@ -210,7 +228,8 @@ impl Altimeter {
         let (dt, delta_v, delta_h) = std::mem::take(&mut self.pending);
         if dt > 0.0 {
             let phi = self.joint.transition(dt);
-            self.joint.predict(&phi, delta_v, delta_h);
+            let noise = std::mem::take(&mut self.pending_noise);
+            self.joint.predict(&phi, delta_v, delta_h, noise / dt);
             self.onsets.predict(&phi, self.in_use());
             self.clock_s += dt;
         }
@@ -268,13 +287,23 @@ impl Altimeter {
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
         self.onsets.measured(channel, &innovation, &gain, self.in_use());
         self.note_noise(channel, &innovation, r);
+        if settled && channel != Channel::Gnss && channel != Channel::Range {
+            let surprise = (normalised * normalised).min(LIMIT * LIMIT) - 1.0;
+            let gain = if surprise > 0.0 { DOUBT_GAIN[0] } else { DOUBT_GAIN[1] };
+            self.doubt = (self.doubt * (gain * surprise).exp()).clamp(LEAST_DOUBT, 1.0);
+        }
         self.look_for_faults();
         self.heal(0.0);
         if weight > 0.0 {
-            HeightVerdict::Used { weight, normalised }
-        } else {
-            HeightVerdict::Rejected(normalised)
+            self.channels[i].refused = 0;
+            return HeightVerdict::Used { weight, normalised };
         }
+        self.channels[i].refused += 1;
+        if channel == Channel::Range && self.channels[i].refused >= ANOTHER_GROUND {
+            self.channels[i].started = false;
+            self.channels[i].refused = 0;
+        }
+        HeightVerdict::Rejected(normalised)
     }
 
     /// The first height of a channel. The first of all is the height; an offset of which nothing is known takes the first difference.
@@ -319,8 +348,9 @@ impl Altimeter {
         let scores = self.onsets.iter().map(|onset| (onset, score(onset, d)));
         let best = scores.reduce(|a, b| if b.1.most > a.1.most { b } else { a });
         let Some((onset, score)) = best else { return };
-        let found = score.may_be_ready.then(|| explain(onset, d)).filter(|e| e.ready);
         let since_s = onset.time_s;
+        let lasting = self.clock_s - since_s >= d.lasting_s;
+        let found = (lasting && score.may_be_ready).then(|| explain(onset, d)).filter(|e| e.ready);
         self.onsets.keep(since_s);
         let Some(found) = found else { return };
         for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
@@ -492,7 +522,7 @@ fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
     let noise: f64 = noisy.iter().sum();
     // A channel that jumped has its own noise, one that did not has what its innovations show.
     let weights = |s: usize, t: usize| std::array::from_fn(|c| if c == s || c == t { 1.0 } else { quiet[c] });
-    let heard = |c: usize| onset.count[c] > 0;
+    let heard = |c: usize| onset.may_jump(c);
     // Scores of: no jump, the inertial altitude, one channel, two channels.
     let mut tried: [(f64, Option<Fit>); 12] = [(f64::NEG_INFINITY, None); 12];
     tried[0].0 = noise;

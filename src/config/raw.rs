@@ -171,6 +171,7 @@ struct Range {
 struct Height {
     filter: AltimeterName,
     accel_noise: f64,
+    accel_load_noise: f64,
     accel_bias_walk: f64,
     baro_noise_m: f64,
     baro_offset_walk: f64,
@@ -253,6 +254,7 @@ impl Height {
                     ..DetectionSettings::recorded(self.fault_evidence, self.fault_window_s)
                 },
             },
+            accel_load_noise: self.accel_load_noise,
             range_below_m: self.range_below_m,
             ground_effect_below_m: self.ground_effect_below_m,
             ground_effect_walk: self.ground_effect_walk,

@@ -8,14 +8,17 @@ use super::Navigator;
 use super::event::What;
 use super::verdict::{Reason, Verdict};
 
-/// A change of the height by one measurement beyond this is not shown at once, m.
-const SHOWN_AT_ONCE_M: f64 = 0.05;
+/// A change of the height by one measurement beyond this is no tracking any more, and is not shown at once, m.
+const SHOWN_AT_ONCE_M: f64 = 0.2;
 /// A height whose distance to the estimate is below this has joined it, m.
 const JOINED_M: f64 = 1e-3;
 /// A pressure is carried to the present for this long, s.
 const LATE_PRESSURE_S: f64 = 0.6;
 /// A barometer that is silent for this long has left its place to another, s.
 const BARO_SILENCE_S: f64 = 10.0;
+/// Distances are heights this often, s, and known to this part of themselves.
+const RANGE_PERIOD_S: f64 = 0.1;
+const RANGE_RELATIVE: f64 = 0.03;
 /// A barometer that tells exactly the same for this long, s, while the vehicle has climbed by this much, m, is stuck.
 const STUCK_S: f64 = 1.0;
 const STUCK_CLIMB_M: f64 = 1.5;
@@ -36,6 +39,8 @@ pub(super) struct HeightState {
     /// Published less estimated height, m: glides to zero.
     pub(super) offset_m: f64,
     pub(super) barometers: [Option<Barometer>; 2],
+    /// The newest distance that was taken for a height.
+    ranged: Option<ApTime>,
     /// The GNSS height is declared faulty.
     pub(super) gnss_faulty: bool,
 }
@@ -162,8 +167,12 @@ impl Navigator {
     pub(super) fn range_height(&mut self, s: &RangeSample, above_ground_m: f64) {
         let h = &self.settings.height;
         let Some(now) = self.last_imu else { return };
-        if above_ground_m < h.range_below_m && self.is_published() {
-            self.take_height(now, Channel::Range, above_ground_m, None, now.seconds_since(s.time));
+        // Rangefinders filter: their samples are not independent at a high rate.
+        let due = self.heights.ranged.is_none_or(|t| s.time.seconds_since(t).abs() >= RANGE_PERIOD_S);
+        if due && above_ground_m < h.range_below_m && self.is_published() {
+            self.heights.ranged = Some(s.time);
+            let sigma = RANGE_RELATIVE * above_ground_m;
+            self.take_height(now, Channel::Range, above_ground_m, Some(sigma), now.seconds_since(s.time));
         }
     }
 

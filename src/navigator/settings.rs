@@ -107,6 +107,8 @@ pub struct HeightSettings {
     pub kind: AltimeterKind,
     /// The fault-tolerant altimeter.
     pub altimeter: AltimeterSettings,
+    /// Noise density of the vertical acceleration beyond the altimeter's own, per acceleration: (m/s²/√Hz)/(m/s²).
+    pub accel_load_noise: f64,
     /// The rangefinder is a source of heights below this height over ground, m.
     pub range_below_m: f64,
     /// The barometer is in the ground effect below this height over ground, m …
