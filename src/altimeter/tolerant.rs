@@ -282,10 +282,15 @@ impl Altimeter {
         let far = normalised.abs() > SUSPICIOUS;
         let begins = !std::mem::replace(&mut self.channels[i].far, far) && far;
         if self.channels.iter().all(|c| c.settled || !c.started) {
+            if self.onsets.has_to_thin(self.clock_s, begins) {
+                let best = self.best_onset(|_| ());
+                self.onsets.keep(best.map_or(f64::NAN, |(onset, _)| onset.time_s));
+            }
             self.onsets.open(self.clock_s, begins);
         }
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
-        self.onsets.measured(channel, &innovation, &gain, self.in_use());
+        let noise_cost = self.settings.detection.noise_cost;
+        self.onsets.measured(channel, &innovation, &gain, self.in_use(), noise_cost);
         self.note_noise(channel, &innovation, r);
         if settled && channel != Channel::Gnss && channel != Channel::Range {
             let surprise = (normalised * normalised).min(LIMIT * LIMIT) - 1.0;
@@ -342,22 +347,33 @@ impl Altimeter {
         }
     }
 
-    /// Asks the bank what explains the innovations best.
-    fn look_for_faults(&mut self) {
-        let d = &self.settings.detection;
+    /// The onset since which the innovations are explained best.
+    fn best_onset(&self, mut see: impl FnMut(&Score)) -> Option<(&Onset, Score)> {
         let mut best: Option<(&Onset, Score)> = None;
         for onset in self.onsets.iter() {
-            let score = score(onset, d);
+            let score = score(onset, &self.settings.detection);
+            see(&score);
             if best.is_none_or(|(_, b)| score.most > b.most) {
                 best = Some((onset, score));
             }
         }
+        best
+    }
+
+    /// Asks the bank what explains the innovations best, when it may have an answer.
+    fn look_for_faults(&mut self) {
+        let d = &self.settings.detection;
+        if d.noise_cost <= d.ratio && self.onsets.is_calm(d.ratio + d.jump_cost) {
+            return;
+        }
+        let mut most_jump = f64::NEG_INFINITY;
+        let best = self.best_onset(|score| most_jump = most_jump.max(score.jump));
         let Some((onset, score)) = best else { return };
-        let since_s = onset.time_s;
-        let lasting = self.clock_s - since_s >= d.lasting_s;
-        let found = (lasting && score.jump > d.ratio).then(|| explain(onset, d)).filter(|e| e.ready);
-        self.onsets.keep(since_s);
-        let Some(found) = found else { return };
+        let lasting = self.clock_s - onset.time_s >= d.lasting_s;
+        let found = (lasting && (score.jump > d.ratio || d.noise_cost > d.ratio))
+            .then(|| explain(onset, d))
+            .filter(|e| e.ready);
+        let Some(found) = found else { return self.onsets.bound(most_jump + d.jump_cost) };
         for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
             if let Some((factor, samples)) = grown {
                 let factor = factor * self.channels[channel.index()].noise.factor();
@@ -485,13 +501,12 @@ struct Score {
 
 /// What [`explain`] would give as score, without the explanation where that can be had for less.
 fn score(onset: &Onset, d: &DetectionSettings) -> Score {
-    let Some([one, two]) = onset.quiet_ratios(d.noise_cost, d.climb_jump_mps) else {
+    let Some([one, two]) = onset.quiet_ratios(d.climb_jump_mps) else {
         return Score { most: explain(onset, d).score, jump: f64::INFINITY };
     };
     let (one, two) = (one - d.jump_cost, two - d.jump_cost);
     let most = f64::max(0.0, f64::max(one, two - d.both_cost));
-    let jump = if d.noise_cost > d.ratio { f64::INFINITY } else { f64::max(one, two) };
-    Score { most, jump }
+    Score { most, jump: f64::max(one, two) }
 }
 
 /// What explains the innovations since an onset.
