@@ -577,11 +577,10 @@ fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
     let mut grown = [None; 4];
     for c in 0..4 {
         let (ratio, _) = Onset::noise(onset.bounded[c], onset.count[c]);
-        if !jumps(&best.1, c) && onset.count[c] >= d.samples && ratio > d.ratio {
-            if ahead_of(&|fit| jumps(fit, c)) {
-                let (_, factor) = Onset::noise(onset.square[c], onset.count[c]);
-                grown[c] = Some((factor, onset.count[c]));
-            }
+        let shown = !jumps(&best.1, c) && onset.count[c] >= d.samples && ratio > d.ratio;
+        if shown && ahead_of(&|fit| jumps(fit, c)) {
+            let (_, factor) = Onset::noise(onset.square[c], onset.count[c]);
+            grown[c] = Some((factor, onset.count[c]));
         }
     }
     match &best.1 {
