@@ -12,6 +12,11 @@ pub enum Fault {
         /// How well that is known (1 sigma), m.
         sigma_m: f64,
     },
+    /// It has run away slowly.
+    Drift {
+        /// By how much, m.
+        size_m: f64,
+    },
     /// Its noise has grown.
     Noise {
         /// The variance over what it should be.

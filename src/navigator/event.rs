@@ -129,6 +129,9 @@ impl fmt::Display for What {
                 let times = variance_factor.sqrt();
                 write!(f, "{} noise x{times:.1} for {for_s:.1} s", channel.label())
             }
+            What::HeightFault { channel, fault: Fault::Drift { size_m }, .. } => {
+                write!(f, "{} has drifted by {size_m:+.1} m", channel.label())
+            }
             What::HeightHealed(channel) => write!(f, "{} healthy again", channel.label()),
             What::InertialHeight(m) => write!(f, "inertial height was off, moved by {m:+.1} m"),
             What::HeightReset(m) => write!(f, "height reset by {m:+.1} m"),
