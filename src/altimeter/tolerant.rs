@@ -356,13 +356,14 @@ impl Altimeter {
     /// Asks the bank what explains the innovations best.
     fn look_for_faults(&mut self) {
         let d = &self.settings.detection;
-        let explanations = self.onsets.iter().map(|onset| explain(onset, d));
-        let best = explanations.reduce(|a, b| if b.score > a.score { b } else { a });
-        if let Some(best) = &best {
-            self.onsets.keep(best.since_s);
-        }
-        let lasting = |e: &Explanation| self.clock_s - e.since_s >= d.lasting_s;
-        let Some(found) = best.filter(|e| e.ready && lasting(e)) else { return };
+        let scores = self.onsets.iter().map(|onset| (onset, score(onset, d)));
+        let best = scores.reduce(|a, b| if b.1.most > a.1.most { b } else { a });
+        let Some((onset, score)) = best else { return };
+        let since_s = onset.time_s;
+        let lasting = self.clock_s - since_s >= d.lasting_s;
+        let found = (lasting && score.may_be_ready).then(|| explain(onset, d)).filter(|e| e.ready);
+        self.onsets.keep(since_s);
+        let Some(found) = found else { return };
         for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
             if let Some((factor, samples)) = grown {
                 let factor = factor * self.channels[channel.index()].noise.factor();
@@ -479,6 +480,26 @@ impl Altimeter {
     }
 }
 
+/// How well the innovations since an onset are explained.
+#[derive(Clone, Copy, Debug)]
+struct Score {
+    /// Log-likelihood ratio of the best explanation against "nothing happened", less what it costs.
+    most: f64,
+    /// It may be that it has to be declared.
+    may_be_ready: bool,
+}
+
+/// What [`explain`] would give as score, without the explanation where that can be had for less.
+fn score(onset: &Onset, d: &DetectionSettings) -> Score {
+    let Some([one, two]) = onset.quiet_ratios(d.noise_cost, d.climb_jump_mps) else {
+        return Score { most: explain(onset, d).score, may_be_ready: true };
+    };
+    let (one, two) = (one - d.jump_cost, two - d.jump_cost);
+    let most = f64::max(0.0, f64::max(one, two - d.both_cost));
+    // Without grown noise it takes a jump.
+    Score { most, may_be_ready: one > d.ratio || two > d.ratio || d.noise_cost > d.ratio }
+}
+
 /// What explains the innovations since an onset.
 #[derive(Clone, Copy, Debug)]
 struct Explanation {
@@ -512,8 +533,7 @@ fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
     let noise: f64 = noisy.iter().sum();
     // A channel that jumped has its own noise, one that did not has what its innovations show.
     let weights = |s: usize, t: usize| std::array::from_fn(|c| if c == s || c == t { 1.0 } else { quiet[c] });
-    // The ground may be anywhere: that is no fault of the rangefinder, but it has its say about the others.
-    let heard = |c: usize| onset.count[c] > 0 && c != Channel::Range.index();
+    let heard = |c: usize| onset.may_jump(c);
     // Scores of: no jump, the inertial altitude, one channel, two channels.
     let mut tried: [(f64, Option<Fit>); 12] = [(f64::NEG_INFINITY, None); 12];
     tried[0].0 = noise;
