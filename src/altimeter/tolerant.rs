@@ -166,6 +166,16 @@ impl Altimeter {
         }
     }
 
+    /// How far a channel's height, m, with the standard deviation that the sensor claims, lies from what is expected of it, in standard
+    /// deviations: without using it. `None` for a channel that was not heard yet.
+    pub fn disagreement(&self, channel: Channel, height_m: f64, sigma_m: f64) -> Option<f64> {
+        let c = &self.channels[channel.index()];
+        let sigma = sigma_m.max(self.settings.channels[channel.index()].noise_m);
+        let innovation = self.joint.innovation(channel, height_m, sigma * sigma * c.noise.factor());
+        let moved = self.height_m()? - self.joint.x[HEIGHT];
+        c.started.then(|| (innovation.value - moved) / innovation.variance.sqrt())
+    }
+
     /// Seconds since a channel was last heard.
     pub fn quiet_s(&self, channel: Channel) -> f64 {
         self.now_s() - self.channels[channel.index()].heard_s
