@@ -366,12 +366,17 @@ impl Altimeter {
     /// Asks the bank what explains the innovations best.
     fn look_for_faults(&mut self) {
         let d = &self.settings.detection;
-        let scores = self.onsets.iter().map(|onset| (onset, score(onset, d)));
-        let best = scores.reduce(|a, b| if b.1.most > a.1.most { b } else { a });
+        let mut best: Option<(&Onset, Score)> = None;
+        for onset in self.onsets.iter() {
+            let score = score(onset, d);
+            if best.is_none_or(|(_, b)| score.most > b.most) {
+                best = Some((onset, score));
+            }
+        }
         let Some((onset, score)) = best else { return };
         let since_s = onset.time_s;
         let lasting = self.clock_s - since_s >= d.lasting_s;
-        let found = (lasting && score.may_be_ready).then(|| explain(onset, d)).filter(|e| e.ready);
+        let found = (lasting && score.jump > d.ratio).then(|| explain(onset, d)).filter(|e| e.ready);
         self.onsets.keep(since_s);
         let Some(found) = found else { return };
         for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
@@ -495,19 +500,19 @@ impl Altimeter {
 struct Score {
     /// Log-likelihood ratio of the best explanation against "nothing happened", less what it costs.
     most: f64,
-    /// It may be that it has to be declared.
-    may_be_ready: bool,
+    /// The log-likelihood ratio of a jump, less what it costs; infinite when other things than a jump may have to be declared.
+    jump: f64,
 }
 
 /// What [`explain`] would give as score, without the explanation where that can be had for less.
 fn score(onset: &Onset, d: &DetectionSettings) -> Score {
     let Some([one, two]) = onset.quiet_ratios(d.noise_cost, d.climb_jump_mps) else {
-        return Score { most: explain(onset, d).score, may_be_ready: true };
+        return Score { most: explain(onset, d).score, jump: f64::INFINITY };
     };
     let (one, two) = (one - d.jump_cost, two - d.jump_cost);
     let most = f64::max(0.0, f64::max(one, two - d.both_cost));
-    // Without grown noise it takes a jump.
-    Score { most, may_be_ready: one > d.ratio || two > d.ratio || d.noise_cost > d.ratio }
+    let jump = if d.noise_cost > d.ratio { f64::INFINITY } else { f64::max(one, two) };
+    Score { most, jump }
 }
 
 /// What explains the innovations since an onset.
