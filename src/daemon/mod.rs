@@ -15,7 +15,7 @@ use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
-use crate::altimeter::{Channel, Health};
+use crate::altimeter::{Channel, Health as HeightHealth};
 use crate::config::{Settings, StreamSettings};
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
@@ -379,7 +379,7 @@ impl Daemon {
         }
     }
 
-    fn faulty_heights(&self) -> Vec<(Channel, Health)> {
+    fn faulty_heights(&self) -> Vec<(Channel, HeightHealth)> {
         let mut health = Vec::from(self.pipeline.navigator.height_health());
         health.retain(|(_, health)| health.is_faulty());
         health
