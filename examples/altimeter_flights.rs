@@ -78,6 +78,7 @@ impl FaultRow {
     fn new(told: &Told) -> Self {
         let (kind, size_m, variance_factor) = match told.fault {
             Fault::Bias { size_m, .. } => ("bias", Some(size_m), None),
+            Fault::Drift { size_m } => ("drift", Some(size_m), None),
             Fault::Noise { variance_factor } => ("noise", None, Some(variance_factor)),
         };
         Self {

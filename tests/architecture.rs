@@ -39,6 +39,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     (
         "daemon",
         &[
+            "altimeter",
             "config",
             "geo",
             "metrics",
@@ -55,6 +56,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
+            "altimeter",
             "config",
             "daemon",
             "geo",

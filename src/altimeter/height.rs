@@ -110,6 +110,15 @@ impl HeightFilter {
         }
     }
 
+    /// How far a channel's height, m, lies from what is expected of it, in standard deviations, without using it; the published
+    /// altimeters do not say.
+    pub fn disagreement(&self, channel: Channel, height_m: f64, sigma_m: f64) -> Option<f64> {
+        match self {
+            Self::Tolerant(f) => f.disagreement(channel, height_m, sigma_m),
+            Self::Published(_) => None,
+        }
+    }
+
     /// The oldest change that was not asked for yet.
     pub fn next_change(&mut self) -> Option<Change> {
         match self {

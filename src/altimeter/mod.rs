@@ -4,6 +4,7 @@
 //! integrated baro-inertial-GPS altimeter", over the error model in [`model`].
 
 pub mod atmosphere;
+mod drift;
 mod fault;
 pub mod flown;
 pub mod height;

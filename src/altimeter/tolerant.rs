@@ -7,6 +7,7 @@
 //! noise is used with the variance it shows. A channel is healthy again when its bias is zero more likely than not, or its noise is
 //! back to normal: never is the truth rejected because a fault was believed. A measurement that is missing is missing.
 
+use super::drift::Drift;
 use super::fault::{Change, Fault, Health};
 use super::joint::{CLIMB, Channel, HEIGHT, Innovation, Joint, State};
 use super::noise::GrownNoise;
@@ -51,16 +52,16 @@ pub enum HeightVerdict {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct ChannelState {
+pub(super) struct ChannelState {
     started: bool,
     /// What it should read was once known better than a sample tells it. Before, a fault cannot be told from a wrong start.
-    settled: bool,
+    pub(super) settled: bool,
     /// Its last innovation was a large one.
     far: bool,
     /// Samples so far, while it settles.
     settling: u32,
     /// Since when a bias is declared, s.
-    biased_since_s: Option<f64>,
+    pub(super) biased_since_s: Option<f64>,
     /// What the offset was when the bias was declared, m.
     offset_before_m: f64,
     noise: GrownNoise,
@@ -72,13 +73,14 @@ struct ChannelState {
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Altimeter {
-    settings: AltimeterSettings,
-    joint: Joint,
+    pub(super) settings: AltimeterSettings,
+    pub(super) joint: Joint,
     onsets: Onsets,
-    channels: [ChannelState; 4],
+    pub(super) channels: [ChannelState; 4],
+    pub(super) drift: Drift,
     started: bool,
     /// Time of the state, s since the start.
-    clock_s: f64,
+    pub(super) clock_s: f64,
     /// What has been integrated since: time, ∫u and ∫∫u.
     pending: (f64, f64, f64),
     /// ∫ of the squared noise density over it.
@@ -107,6 +109,7 @@ impl Altimeter {
             joint: Joint::new(settings.inertial, settings.channels.map(|c| c.offset)),
             onsets: Onsets::new(d.spacing_s, d.window_s),
             channels: [channel; 4],
+            drift: Drift::default(),
             started: false,
             clock_s: 0.0,
             pending: (0.0, 0.0, 0.0),
@@ -149,6 +152,10 @@ impl Altimeter {
             let sigma_m = self.joint.sigma(channel.fault());
             return Health::Faulty { fault: Fault::Bias { size_m, sigma_m }, for_s: self.now_s() - since_s };
         }
+        if let Some(since_s) = self.drift.since_s.filter(|_| channel == Channel::Baro) {
+            let size_m = self.offset_difference().map_or(0.0, |(difference, _)| difference);
+            return Health::Faulty { fault: Fault::Drift { size_m }, for_s: self.now_s() - since_s };
+        }
         match c.noise.since_s() {
             Some(since_s) => Health::Faulty {
                 fault: Fault::Noise { variance_factor: c.noise.factor() },
@@ -157,6 +164,16 @@ impl Altimeter {
             None if c.started => Health::Healthy,
             None => Health::Unheard,
         }
+    }
+
+    /// How far a channel's height, m, with the standard deviation that the sensor claims, lies from what is expected of it, in standard
+    /// deviations: without using it. `None` for a channel that was not heard yet.
+    pub fn disagreement(&self, channel: Channel, height_m: f64, sigma_m: f64) -> Option<f64> {
+        let c = &self.channels[channel.index()];
+        let sigma = sigma_m.max(self.settings.channels[channel.index()].noise_m);
+        let innovation = self.joint.innovation(channel, height_m, sigma * sigma * c.noise.factor());
+        let moved = self.height_m()? - self.joint.x[HEIGHT];
+        c.started.then(|| (innovation.value - moved) / innovation.variance.sqrt())
     }
 
     /// Seconds since a channel was last heard.
@@ -194,6 +211,7 @@ impl Altimeter {
             return;
         }
         self.joint.x[HEIGHT] -= up_m;
+        self.shift_offset_reference(up_m);
         for c in Channel::ALL {
             let state = &mut self.channels[c.index()];
             if c != Channel::Gnss && state.started {
@@ -299,6 +317,9 @@ impl Altimeter {
         }
         self.look_for_faults();
         self.heal(0.0);
+        if channel == Channel::Baro {
+            self.look_for_drift();
+        }
         if weight > 0.0 {
             self.channels[i].refused = 0;
             return HeightVerdict::Used { weight, normalised };
@@ -483,7 +504,7 @@ impl Altimeter {
         moved_m
     }
 
-    fn tell(&mut self, change: Change) {
+    pub(super) fn tell(&mut self, change: Change) {
         if let Some(free) = self.changes.iter_mut().find(|c| c.is_none()) {
             *free = Some(change);
         }
