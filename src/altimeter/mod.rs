@@ -5,6 +5,7 @@
 
 pub mod atmosphere;
 mod drift;
+mod explain;
 mod fault;
 pub mod flown;
 pub mod height;
