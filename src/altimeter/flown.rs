@@ -39,7 +39,7 @@ impl FlownAltimeter {
     /// Height above the origin, m, once a source has given it.
     pub fn height_m(&self) -> Option<f64> {
         let error = self.altimeter.estimate(Scheme::Ibig).delta_h_m + self.pending_s * self.speed_error();
-        self.started.then(|| self.inertial.0 - error)
+        self.started.then_some(self.inertial.0 - error)
     }
 
     /// Climb rate, m/s: by the channel that knows the height better.

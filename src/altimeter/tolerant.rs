@@ -9,11 +9,11 @@
 
 use super::drift::Drift;
 use super::fault::{Change, Fault, Health};
-use super::joint::{CLIMB, Channel, HEIGHT, Innovation, Joint, State};
+use super::joint::{CLIMB, Channel, HEIGHT, Joint, State};
 use super::noise::GrownNoise;
-use super::onsets::{Fit, INERTIAL, JUMPS, Onset, Onsets};
+use super::onsets::{JUMPS, Onsets};
 use super::probability::normal_operation;
-use super::settings::{AltimeterSettings, DetectionSettings};
+use super::settings::AltimeterSettings;
 
 /// Longest step of the prediction, s.
 const MAX_STEP_S: f64 = 0.5;
@@ -32,8 +32,6 @@ const SETTLED: f64 = 0.1;
 const SUSPICIOUS: f64 = 2.5;
 /// Or after so many samples.
 const SETTLING: u32 = 20;
-/// Log-odds by which a bias has to be zero to be over.
-const HEALED: f64 = -2.0;
 /// Changes that can wait to be asked for.
 const CHANGES: usize = 16;
 
@@ -63,8 +61,8 @@ pub(super) struct ChannelState {
     /// Since when a bias is declared, s.
     pub(super) biased_since_s: Option<f64>,
     /// What the offset was when the bias was declared, m.
-    offset_before_m: f64,
-    noise: GrownNoise,
+    pub(super) offset_before_m: f64,
+    pub(super) noise: GrownNoise,
     heard_s: f64,
     /// Samples in a row that were not used.
     refused: u32,
@@ -75,7 +73,7 @@ pub(super) struct ChannelState {
 pub struct Altimeter {
     pub(super) settings: AltimeterSettings,
     pub(super) joint: Joint,
-    onsets: Onsets,
+    pub(super) onsets: Onsets,
     pub(super) channels: [ChannelState; 4],
     pub(super) drift: Drift,
     started: bool,
@@ -87,7 +85,9 @@ pub struct Altimeter {
     pending_noise: f64,
     /// What part of the noise that is asked for the innovations prove to be there, as variance.
     doubt: f64,
-    changes: [Option<Change>; CHANGES],
+    /// What the log-likelihood ratios lack at least before anything could be declared.
+    pub(super) room: f64,
+    pub(super) changes: [Option<Change>; CHANGES],
 }
 
 impl Altimeter {
@@ -115,6 +115,7 @@ impl Altimeter {
             pending: (0.0, 0.0, 0.0),
             pending_noise: 0.0,
             doubt: LEAST_DOUBT,
+            room: 0.0,
             changes: [None; CHANGES],
             settings,
         }
@@ -310,7 +311,11 @@ impl Altimeter {
             let gain = if surprise > 0.0 { DOUBT_GAIN[0] } else { DOUBT_GAIN[1] };
             self.doubt = (self.doubt * (gain * surprise).exp()).clamp(LEAST_DOUBT, 1.0);
         }
-        self.look_for_faults();
+        // A sample adds no more than ½ν² to any log-likelihood ratio: until that could be enough, nobody needs to look.
+        self.room -= 0.5 * normalised * normalised;
+        if self.room <= 0.0 {
+            self.look_for_faults();
+        }
         self.heal(0.0);
         if channel == Channel::Baro {
             self.look_for_drift();
@@ -351,259 +356,4 @@ impl Altimeter {
         self.joint.p.column_mut(o).copy_from(&row.transpose());
         self.joint.p[(o, o)] = -row[HEIGHT] + sigma * sigma;
     }
-
-    /// Follows the noise of a channel whose noise has grown.
-    fn note_noise(&mut self, channel: Channel, innovation: &Innovation, r: f64) {
-        let limit = self.settings.detection.relief;
-        let noise = &mut self.channels[channel.index()].noise;
-        let predicted = innovation.variance - r * noise.factor();
-        if noise.follow(innovation.value * innovation.value, predicted, r, limit) {
-            self.onsets.clear();
-            self.tell(Change::Healed { channel, height_step_m: 0.0 });
-        }
-    }
-
-    /// Asks the bank what explains the innovations best.
-    fn look_for_faults(&mut self) {
-        let d = &self.settings.detection;
-        let mut best: Option<(&Onset, Score)> = None;
-        for onset in self.onsets.iter() {
-            let score = score(onset, d);
-            if best.is_none_or(|(_, b)| score.most > b.most) {
-                best = Some((onset, score));
-            }
-        }
-        let Some((onset, score)) = best else { return };
-        let since_s = onset.time_s;
-        let lasting = self.clock_s - since_s >= d.lasting_s;
-        let found = (lasting && score.jump > d.ratio).then(|| explain(onset, d)).filter(|e| e.ready);
-        self.onsets.keep(since_s);
-        let Some(found) = found else { return };
-        for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
-            if let Some((factor, samples)) = grown {
-                let factor = factor * self.channels[channel.index()].noise.factor();
-                self.channels[channel.index()].noise.grow(factor, samples, found.since_s);
-                if self.channels[channel.index()].biased_since_s.is_some() {
-                    // What was taken for a bias a few samples ago may have been noise: it is known by that much less.
-                    let r = self.settings.channels[channel.index()].noise_m.powi(2);
-                    let f = channel.fault();
-                    self.joint.p[(f, f)] += r * factor / f64::from(samples.max(1));
-                }
-                self.tell(Change::Faulty {
-                    channel,
-                    fault: Fault::Noise { variance_factor: factor },
-                    for_s: self.clock_s - found.since_s,
-                    height_step_m: 0.0,
-                });
-            }
-        }
-        if let Some((fit, effects)) = &found.jump {
-            self.take_jump(fit, effects, found.since_s);
-        }
-        self.onsets.clear();
-    }
-
-    /// Opens the states that jumped from the onset on: x ← x − J f̂, P ← P + J C⁻¹ Jᵀ.
-    fn take_jump(&mut self, fit: &Fit, effects: &[State; 2], since_s: f64) {
-        let before = self.joint.x[HEIGHT];
-        for i in 0..2 {
-            self.joint.x -= effects[i] * fit.size[i];
-            for j in 0..2 {
-                self.joint.p.ger(fit.covariance[i][j], &effects[i], &effects[j], 1.0);
-            }
-        }
-        let height_step_m = self.joint.x[HEIGHT] - before;
-        if fit.jumps[0] == INERTIAL {
-            return self.tell(Change::InertialAstray { height_step_m });
-        }
-        let mut declared = [false; 4];
-        for (i, s) in fit.jumps.into_iter().enumerate() {
-            let Some(channel) = Channel::ALL.get(s).copied() else { continue };
-            let state = &mut self.channels[s];
-            if state.biased_since_s.is_none() {
-                state.biased_since_s = Some(since_s);
-                state.offset_before_m =
-                    if channel.is_absolute() { 0.0 } else { self.joint.x[channel.fault()] - fit.size[i] };
-            }
-            declared[s] = true;
-        }
-        let mut moved_m = self.heal(height_step_m);
-        for channel in Channel::ALL.into_iter().filter(|c| declared[c.index()]) {
-            let state = &self.channels[channel.index()];
-            if state.biased_since_s.is_some() {
-                let fault = Fault::Bias {
-                    size_m: self.joint.x[channel.fault()] - state.offset_before_m,
-                    sigma_m: self.joint.sigma(channel.fault()),
-                };
-                self.tell(Change::Faulty {
-                    channel,
-                    fault,
-                    for_s: self.clock_s - since_s,
-                    height_step_m: moved_m,
-                });
-                moved_m = 0.0;
-            }
-        }
-    }
-
-    /// Ends biases that are zero more likely than not: with a prior N(0, F²) on faults, the odds of zero against a fault are
-    /// (F/σ) exp(−f²/2σ²) (Savage and Dickey), and those of two at once alike. Two that coasted together share the error of the height:
-    /// either may look large alone. `moved_m` is what the height has moved by before; returns what of it was not told.
-    fn heal(&mut self, mut moved_m: f64) -> f64 {
-        let prior = self.settings.detection.bias_m;
-        let biased = Channel::ALL.map(|c| self.channels[c.index()].biased_since_s.is_some());
-        if !biased.contains(&true) {
-            return moved_m;
-        }
-        let size = |c: Channel| self.joint.x[c.fault()] - self.channels[c.index()].offset_before_m;
-        let covariance = |c: Channel, d: Channel| self.joint.p[(c.fault(), d.fault())];
-        let mut healed = [false; 4];
-        for c in Channel::ALL.into_iter().filter(|c| biased[c.index()]) {
-            let variance = covariance(c, c);
-            let odds = 0.5 * (prior * prior / variance).ln() - 0.5 * size(c).powi(2) / variance;
-            if odds > HEALED {
-                healed[c.index()] = true;
-                break;
-            }
-            for d in Channel::ALL.into_iter().filter(|d| *d > c && biased[d.index()]) {
-                let (a, b, e) = (variance, covariance(c, d), covariance(d, d));
-                let det = a * e - b * b;
-                let square = (e * size(c).powi(2) - 2.0 * b * size(c) * size(d) + a * size(d).powi(2)) / det;
-                if 0.5 * (prior.powi(4) / det).ln() - 0.5 * square > 2.0 * HEALED {
-                    healed[c.index()] = true;
-                    healed[d.index()] = true;
-                }
-            }
-        }
-        for channel in Channel::ALL.into_iter().filter(|c| healed[c.index()]) {
-            let before = self.joint.x[HEIGHT];
-            if channel.is_absolute() {
-                self.joint.pin(channel.fault());
-            }
-            self.channels[channel.index()].biased_since_s = None;
-            self.onsets.clear();
-            self.tell(Change::Healed { channel, height_step_m: moved_m + self.joint.x[HEIGHT] - before });
-            moved_m = 0.0;
-        }
-        moved_m
-    }
-
-    pub(super) fn tell(&mut self, change: Change) {
-        if let Some(free) = self.changes.iter_mut().find(|c| c.is_none()) {
-            *free = Some(change);
-        }
-    }
-}
-
-/// How well the innovations since an onset are explained.
-#[derive(Clone, Copy, Debug)]
-struct Score {
-    /// Log-likelihood ratio of the best explanation against "nothing happened", less what it costs.
-    most: f64,
-    /// The log-likelihood ratio of a jump, less what it costs; infinite when other things than a jump may have to be declared.
-    jump: f64,
-}
-
-/// What [`explain`] would give as score, without the explanation where that can be had for less.
-fn score(onset: &Onset, d: &DetectionSettings) -> Score {
-    let Some([one, two]) = onset.quiet_ratios(d.noise_cost, d.climb_jump_mps) else {
-        return Score { most: explain(onset, d).score, jump: f64::INFINITY };
-    };
-    let (one, two) = (one - d.jump_cost, two - d.jump_cost);
-    let most = f64::max(0.0, f64::max(one, two - d.both_cost));
-    let jump = if d.noise_cost > d.ratio { f64::INFINITY } else { f64::max(one, two) };
-    Score { most, jump }
-}
-
-/// What explains the innovations since an onset.
-#[derive(Clone, Copy, Debug)]
-struct Explanation {
-    /// Log-likelihood ratio against "nothing happened", less what it costs.
-    score: f64,
-    since_s: f64,
-    /// What jumped, and that alone as log-likelihood ratio.
-    jump: Option<(Fit, [State; 2])>,
-    /// Channels whose noise has grown: by which factor, and how many samples show it.
-    grown: [Option<(f64, u32)>; 4],
-    /// Nothing else explains it nearly as well, and there are samples enough.
-    ready: bool,
-}
-
-/// The best explanation of what came since an onset.
-///
-/// An explanation says of every channel that it is as it was, has jumped, or has become noisy; or that the inertial altitude jumped.
-/// What an explanation declares has to be ahead of every explanation without it.
-fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
-    let mut noisy = [0.0; 4];
-    let mut quiet = [1.0; 4];
-    let mut total = 0;
-    for c in 0..4 {
-        total += onset.count[c];
-        let (ratio, factor) = Onset::noise(onset.square[c], onset.count[c]);
-        if ratio > d.noise_cost {
-            noisy[c] = ratio - d.noise_cost;
-            quiet[c] = 1.0 / factor;
-        }
-    }
-    let noise: f64 = noisy.iter().sum();
-    // A channel that jumped has its own noise, one that did not has what its innovations show.
-    let weights = |s: usize, t: usize| std::array::from_fn(|c| if c == s || c == t { 1.0 } else { quiet[c] });
-    let heard = |c: usize| onset.may_jump(c);
-    // Scores of: no jump, the inertial altitude, one channel, two channels.
-    let mut tried: [(f64, Option<Fit>); 12] = [(f64::NEG_INFINITY, None); 12];
-    tried[0].0 = noise;
-    if let Some(fit) = onset.inertial(d.climb_jump_mps, &[1.0; 4]) {
-        tried[1] = (fit.ratio - d.jump_cost, Some(fit));
-    }
-    let mut n = 2;
-    for s in 0..4 {
-        if !heard(s) {
-            continue;
-        }
-        if let Some(fit) = onset.single(s, &weights(s, s)) {
-            tried[n] = (fit.ratio - d.jump_cost + noise - noisy[s], Some(fit));
-            n += 1;
-        }
-        for t in s + 1..4 {
-            if heard(t)
-                && let Some(fit) = onset.pair(s, t, &weights(s, t))
-            {
-                tried[n] = (fit.ratio - d.jump_cost - d.both_cost + noise - noisy[s] - noisy[t], Some(fit));
-                n += 1;
-            }
-        }
-    }
-    let tried = tried.get(..n).unwrap_or(&tried);
-    let best = tried.iter().fold(tried[0], |a, b| if b.0 > a.0 { *b } else { a });
-    let ahead_of = |without: &dyn Fn(&Option<Fit>) -> bool| {
-        tried.iter().filter(|(_, fit)| without(fit)).all(|(score, _)| best.0 > score + d.margin)
-    };
-    let jumps = |fit: &Option<Fit>, s: usize| fit.is_some_and(|f| f.jumps.contains(&s));
-    let mut ready = true;
-    let mut grown = [None; 4];
-    for c in 0..4 {
-        let (ratio, _) = Onset::noise(onset.bounded[c], onset.count[c]);
-        if !jumps(&best.1, c) && onset.count[c] >= d.samples && ratio > d.ratio {
-            if ahead_of(&|fit| jumps(fit, c)) {
-                let (_, factor) = Onset::noise(onset.square[c], onset.count[c]);
-                grown[c] = Some((factor, onset.count[c]));
-            }
-        }
-    }
-    match &best.1 {
-        Some(fit) => {
-            ready &= fit.ratio - d.jump_cost > d.ratio;
-            let mut seen = 0;
-            for s in fit.jumps {
-                let n = onset.count.get(s).map_or(total, |n| *n);
-                seen += n;
-                ready &= n >= d.samples.div_ceil(2);
-                ready &= ahead_of(&|other| !jumps(other, s));
-            }
-            ready &= seen >= 2 * d.samples;
-        }
-        None => ready = grown.iter().any(Option::is_some),
-    }
-    let jump = best.1.map(|fit| (fit, fit.jumps.map(|s| State::from(onset.effect[s]))));
-    Explanation { score: best.0, since_s: onset.time_s, jump, grown, ready }
 }
