@@ -35,10 +35,6 @@ pub(super) struct Onset {
     information: [[[f64; JUMPS]; JUMPS]; 4],
     /// d, likewise.
     evidence: [[f64; JUMPS]; 4],
-    /// Both, of all channels.
-    all: ([[f64; JUMPS]; JUMPS], [f64; JUMPS]),
-    /// Channels whose noise may have grown.
-    loud: [bool; 4],
     /// Σν²/S of each channel.
     pub(super) square: [f64; 4],
     /// The same, no sample counting for more than an outlier.
@@ -60,51 +56,6 @@ pub(super) struct Fit {
     pub(super) covariance: [[f64; 2]; 2],
 }
 
-impl Fit {
-    /// From C and d of one jump.
-    #[inline]
-    fn single(s: usize, c: f64, d: f64) -> Option<Self> {
-        let size = d / c;
-        (c > 0.0).then(|| Self {
-            jumps: [s, s],
-            ratio: 0.5 * d * size,
-            size: [size, 0.0],
-            covariance: [[1.0 / c, 0.0], [0.0, 0.0]],
-        })
-    }
-
-    /// The same of the inertial altitude, with a prior.
-    #[inline]
-    fn inertial(c: f64, d: f64, prior_mps: f64) -> Option<Self> {
-        let prior = prior_mps * prior_mps;
-        let variance = prior / (1.0 + prior * c);
-        let size = d * variance;
-        (prior > 0.0 && c > 0.0).then(|| Self {
-            jumps: [INERTIAL, INERTIAL],
-            ratio: 0.5 * d * size - 0.5 * (1.0 + prior * c).ln(),
-            size: [size, 0.0],
-            covariance: [[variance, 0.0], [0.0, 0.0]],
-        })
-    }
-
-    /// From C (upper triangle, by rows) and d of two jumps.
-    #[inline]
-    fn pair(jumps: [usize; 2], [a, b, c]: [f64; 3], [d, e]: [f64; 2]) -> Option<Self> {
-        let det = a * c - b * b;
-        // Two jumps that look alike cannot be told apart.
-        if det.is_nan() || det <= 1e-9 * a * c {
-            return None;
-        }
-        let size = [(c * d - b * e) / det, (a * e - b * d) / det];
-        Some(Self {
-            jumps,
-            ratio: 0.5 * (d * size[0] + e * size[1]),
-            size,
-            covariance: [[c / det, -b / det], [-b / det, a / det]],
-        })
-    }
-}
-
 impl Onset {
     fn new(time_s: f64) -> Self {
         let mut effect = [[0.0; STATES]; JUMPS];
@@ -117,8 +68,6 @@ impl Onset {
             effect,
             information: [[[0.0; JUMPS]; JUMPS]; 4],
             evidence: [[0.0; JUMPS]; 4],
-            all: ([[0.0; JUMPS]; JUMPS], [0.0; JUMPS]),
-            loud: [false; 4],
             square: [0.0; 4],
             bounded: [0.0; 4],
             count: [0; 4],
@@ -143,38 +92,51 @@ impl Onset {
 
     /// The hypothesis that `s` alone jumped. A channel whose noise has grown has the weight of its variance.
     pub(super) fn single(&self, s: usize, weights: &[f64; 4]) -> Option<Fit> {
-        Fit::single(s, self.information(s, s, weights), self.evidence(s, weights))
+        let c = self.information(s, s, weights);
+        let d = self.evidence(s, weights);
+        let size = d / c;
+        (c > 0.0).then(|| Fit {
+            jumps: [s, s],
+            ratio: 0.5 * d * size,
+            size: [size, 0.0],
+            covariance: [[1.0 / c, 0.0], [0.0, 0.0]],
+        })
     }
 
     /// The hypothesis that the inertial altitude jumped, with a prior N(0, F²) on the climb rate's jump, m/s: its odds are
     /// exp(½ d²/(C + F⁻²))/√(1 + F² C).
     pub(super) fn inertial(&self, prior_mps: f64, weights: &[f64; 4]) -> Option<Fit> {
-        let information = self.information(INERTIAL, INERTIAL, weights);
-        Fit::inertial(information, self.evidence(INERTIAL, weights), prior_mps)
-    }
-
-    /// Whether a channel's noise may have grown enough to be worth `noise_cost`. Of noise(): ln x ≥ 2 (x − 1)/(x + 1) for x ≥ 1.
-    fn is_loud(&self, c: usize, noise_cost: f64) -> bool {
-        let (n, square) = (f64::from(self.count[c]), self.square[c]);
-        square > n && 0.5 * (square - n).powi(2) > noise_cost * (square + n)
+        let prior = prior_mps * prior_mps;
+        let c = self.information(INERTIAL, INERTIAL, weights);
+        let d = self.evidence(INERTIAL, weights);
+        let variance = prior / (1.0 + prior * c);
+        let size = d * variance;
+        (prior > 0.0 && c > 0.0).then(|| Fit {
+            jumps: [INERTIAL, INERTIAL],
+            ratio: 0.5 * d * size - 0.5 * (1.0 + prior * c).ln(),
+            size: [size, 0.0],
+            covariance: [[variance, 0.0], [0.0, 0.0]],
+        })
     }
 
     /// The log-likelihood ratios of the likeliest single jump and of the likeliest two, where no channel's noise can have grown enough
-    /// to be worth anything; `None` where it can. What explains the innovations is almost never asked for more than this.
-    pub(super) fn quiet_ratios(&self, inertial_mps: f64) -> Option<[f64; 2]> {
-        if self.loud != [false; 4] {
-            return None;
+    /// to be worth `noise_cost`; `None` where it can. What explains the innovations is almost never asked for more than this.
+    pub(super) fn quiet_ratios(&self, noise_cost: f64, inertial_mps: f64) -> Option<[f64; 2]> {
+        for c in 0..4 {
+            // Of noise(): ln x ≥ 2 (x − 1)/(x + 1) for x ≥ 1.
+            let (n, over) = (f64::from(self.count[c]), self.square[c] - f64::from(self.count[c]));
+            if over > 0.0 && 0.5 * over * over > noise_cost * (self.square[c] + n) {
+                return None;
+            }
         }
-        let (information, evidence) = &self.all;
-        let larger =
-            |most: f64, fit: Option<Fit>| fit.map_or(most, |f| if f.ratio > most { f.ratio } else { most });
-        let inertial = Fit::inertial(information[INERTIAL][INERTIAL], evidence[INERTIAL], inertial_mps);
-        let mut most = [larger(f64::NEG_INFINITY, inertial), f64::NEG_INFINITY];
+        let even = [1.0; 4];
+        let ratio = |fit: Option<Fit>| fit.map_or(f64::NEG_INFINITY, |f| f.ratio);
+        let larger = |a: f64, b: f64| if b > a { b } else { a };
+        let mut most = [ratio(self.inertial(inertial_mps, &even)), f64::NEG_INFINITY];
         for s in (0..4).filter(|s| self.may_jump(*s)) {
-            most[0] = larger(most[0], Fit::single(s, information[s][s], evidence[s]));
+            most[0] = larger(most[0], ratio(self.single(s, &even)));
             for t in (s + 1..4).filter(|t| self.may_jump(*t)) {
-                let information = [information[s][s], information[s][t], information[t][t]];
-                most[1] = larger(most[1], Fit::pair([s, t], information, [evidence[s], evidence[t]]));
+                most[1] = larger(most[1], ratio(self.pair(s, t, &even)));
             }
         }
         Some(most)
@@ -182,8 +144,22 @@ impl Onset {
 
     /// The hypothesis that `s` and a later `t` jumped.
     pub(super) fn pair(&self, s: usize, t: usize, weights: &[f64; 4]) -> Option<Fit> {
-        let information = [(s, s), (s, t), (t, t)].map(|(s, t)| self.information(s, t, weights));
-        Fit::pair([s, t], information, [s, t].map(|s| self.evidence(s, weights)))
+        let a = self.information(s, s, weights);
+        let b = self.information(s, t, weights);
+        let c = self.information(t, t, weights);
+        let det = a * c - b * b;
+        // Two jumps that look alike cannot be told apart.
+        if det.is_nan() || det <= 1e-9 * a * c {
+            return None;
+        }
+        let (d, e) = (self.evidence(s, weights), self.evidence(t, weights));
+        let size = [(c * d - b * e) / det, (a * e - b * d) / det];
+        Some(Fit {
+            jumps: [s, t],
+            ratio: 0.5 * (d * size[0] + e * size[1]),
+            size,
+            covariance: [[c / det, -b / det], [-b / det, a / det]],
+        })
     }
 
     /// The log-likelihood ratio of the hypothesis that a channel's noise has grown since, to its most likely variance, and that as a
@@ -204,10 +180,6 @@ pub(super) struct Onsets {
     len: usize,
     /// The onset that explains best so far: it is not thinned out.
     kept_s: f64,
-    /// No jump has a log-likelihood ratio beyond this, as long as no channel's noise has grown: a sample adds ½ν²/S at most.
-    most_jump: f64,
-    /// Channels whose noise may have grown since one of the onsets.
-    loud: [bool; 4],
     spacing_s: f64,
     window_s: f64,
 }
@@ -219,34 +191,11 @@ impl Onsets {
     /// Onsets at least `spacing_s` apart, no older than `window_s`.
     pub(super) fn new(spacing_s: f64, window_s: f64) -> Self {
         let order = std::array::from_fn(|i| i as u8);
-        Self {
-            onsets: [Onset::new(0.0); ONSETS],
-            order,
-            len: 0,
-            kept_s: f64::NAN,
-            most_jump: 0.0,
-            loud: [false; 4],
-            spacing_s,
-            window_s,
-        }
+        Self { onsets: [Onset::new(0.0); ONSETS], order, len: 0, kept_s: f64::NAN, spacing_s, window_s }
     }
 
     pub(super) fn clear(&mut self) {
         self.len = 0;
-        self.most_jump = 0.0;
-        self.loud = [false; 4];
-    }
-
-    /// Nothing has happened that a log-likelihood ratio of `ratio` would be needed for.
-    pub(super) fn is_calm(&self, ratio: f64) -> bool {
-        self.most_jump <= ratio && self.loud == [false; 4]
-    }
-
-    /// The largest log-likelihood ratio of a jump is known; infinite where it is not.
-    pub(super) fn bound(&mut self, most_jump: f64) {
-        if most_jump.is_finite() {
-            self.most_jump = most_jump;
-        }
     }
 
     /// This onset explains what came best so far.
@@ -273,21 +222,12 @@ impl Onsets {
         }
     }
 
-    /// Whether an onset that is opened now takes another one's place.
-    pub(super) fn has_to_thin(&self, now_s: f64, suspicious: bool) -> bool {
-        self.len == ONSETS && self.is_due(now_s, suspicious)
-    }
-
-    fn is_due(&self, now_s: f64, suspicious: bool) -> bool {
-        suspicious || self.len == 0 || now_s - self.time_s(self.len - 1) >= self.spacing_s - 1e-9
-    }
-
     /// Opens an onset before the measurement that comes now, when the newest is old enough or when something may begin with it.
     pub(super) fn open(&mut self, now_s: f64, suspicious: bool) {
         while self.len > 0 && now_s - self.time_s(0) > self.window_s {
             self.remove(0);
         }
-        if !self.is_due(now_s, suspicious) {
+        if !suspicious && self.len > 0 && now_s - self.time_s(self.len - 1) < self.spacing_s - 1e-9 {
             return;
         }
         if self.len == ONSETS {
@@ -322,7 +262,6 @@ impl Onsets {
         innovation: &Innovation,
         gain: &State,
         in_use: [bool; JUMPS],
-        noise_cost: f64,
     ) {
         let (o, f) = (channel.offset(), channel.fault());
         let c = channel.index();
@@ -330,8 +269,6 @@ impl Onsets {
         let weight = 1.0 / innovation.variance;
         let scaled = innovation.value * weight;
         let square = innovation.value * scaled;
-        self.most_jump += 0.5 * square;
-        self.loud[c] = false;
         for place in self.order.iter().take(self.len) {
             let onset = &mut self.onsets[usize::from(*place)];
             let mut response = [0.0; JUMPS];
@@ -346,20 +283,15 @@ impl Onsets {
                     *e += g * r;
                 }
                 onset.evidence[c][s] += r * scaled;
-                onset.all.1[s] += r * scaled;
             }
             for s in (0..JUMPS).filter(|s| in_use[*s]) {
-                for t in (s..JUMPS).filter(|t| in_use[*t]) {
-                    let information = response[s] * response[t] * weight;
-                    onset.information[c][s][t] += information;
-                    onset.all.0[s][t] += information;
+                for t in s..JUMPS {
+                    onset.information[c][s][t] += response[s] * response[t] * weight;
                 }
             }
             onset.square[c] += square;
             onset.bounded[c] += square.min(OUTLIER);
             onset.count[c] += 1;
-            onset.loud[c] = onset.is_loud(c, noise_cost);
-            self.loud[c] |= onset.loud[c];
         }
     }
 }

@@ -8,11 +8,10 @@
 //! back to normal: never is the truth rejected because a fault was believed. A measurement that is missing is missing.
 
 use super::drift::Drift;
-use super::explain::{Score, explain, score};
 use super::fault::{Change, Fault, Health};
-use super::joint::{CLIMB, Channel, HEIGHT, Innovation, Joint, State};
+use super::joint::{CLIMB, Channel, HEIGHT, Joint, State};
 use super::noise::GrownNoise;
-use super::onsets::{Fit, INERTIAL, JUMPS, Onset, Onsets};
+use super::onsets::{JUMPS, Onsets};
 use super::probability::normal_operation;
 use super::settings::AltimeterSettings;
 
@@ -33,8 +32,6 @@ const SETTLED: f64 = 0.1;
 const SUSPICIOUS: f64 = 2.5;
 /// Or after so many samples.
 const SETTLING: u32 = 20;
-/// Log-odds by which a bias has to be zero to be over.
-const HEALED: f64 = -2.0;
 /// Changes that can wait to be asked for.
 const CHANGES: usize = 16;
 
@@ -64,8 +61,8 @@ pub(super) struct ChannelState {
     /// Since when a bias is declared, s.
     pub(super) biased_since_s: Option<f64>,
     /// What the offset was when the bias was declared, m.
-    offset_before_m: f64,
-    noise: GrownNoise,
+    pub(super) offset_before_m: f64,
+    pub(super) noise: GrownNoise,
     heard_s: f64,
     /// Samples in a row that were not used.
     refused: u32,
@@ -76,7 +73,7 @@ pub(super) struct ChannelState {
 pub struct Altimeter {
     pub(super) settings: AltimeterSettings,
     pub(super) joint: Joint,
-    onsets: Onsets,
+    pub(super) onsets: Onsets,
     pub(super) channels: [ChannelState; 4],
     pub(super) drift: Drift,
     started: bool,
@@ -88,7 +85,9 @@ pub struct Altimeter {
     pending_noise: f64,
     /// What part of the noise that is asked for the innovations prove to be there, as variance.
     doubt: f64,
-    changes: [Option<Change>; CHANGES],
+    /// What the log-likelihood ratios lack at least before anything could be declared.
+    pub(super) room: f64,
+    pub(super) changes: [Option<Change>; CHANGES],
 }
 
 impl Altimeter {
@@ -116,6 +115,7 @@ impl Altimeter {
             pending: (0.0, 0.0, 0.0),
             pending_noise: 0.0,
             doubt: LEAST_DOUBT,
+            room: 0.0,
             changes: [None; CHANGES],
             settings,
         }
@@ -301,22 +301,21 @@ impl Altimeter {
         let far = normalised.abs() > SUSPICIOUS;
         let begins = !std::mem::replace(&mut self.channels[i].far, far) && far;
         if self.channels.iter().all(|c| c.settled || !c.started) {
-            if self.onsets.has_to_thin(self.clock_s, begins) {
-                let best = self.best_onset(|_| ());
-                self.onsets.keep(best.map_or(f64::NAN, |(onset, _)| onset.time_s));
-            }
             self.onsets.open(self.clock_s, begins);
         }
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
-        let noise_cost = self.settings.detection.noise_cost;
-        self.onsets.measured(channel, &innovation, &gain, self.in_use(), noise_cost);
+        self.onsets.measured(channel, &innovation, &gain, self.in_use());
         self.note_noise(channel, &innovation, r);
         if settled && channel != Channel::Gnss && channel != Channel::Range {
             let surprise = (normalised * normalised).min(LIMIT * LIMIT) - 1.0;
             let gain = if surprise > 0.0 { DOUBT_GAIN[0] } else { DOUBT_GAIN[1] };
             self.doubt = (self.doubt * (gain * surprise).exp()).clamp(LEAST_DOUBT, 1.0);
         }
-        self.look_for_faults();
+        // A sample adds no more than ½ν² to any log-likelihood ratio: until that could be enough, nobody needs to look.
+        self.room -= 0.5 * normalised * normalised;
+        if self.room <= 0.0 {
+            self.look_for_faults();
+        }
         self.heal(0.0);
         if channel == Channel::Baro {
             self.look_for_drift();
@@ -356,158 +355,5 @@ impl Altimeter {
         self.joint.p.row_mut(o).copy_from(&row);
         self.joint.p.column_mut(o).copy_from(&row.transpose());
         self.joint.p[(o, o)] = -row[HEIGHT] + sigma * sigma;
-    }
-
-    /// Follows the noise of a channel whose noise has grown.
-    fn note_noise(&mut self, channel: Channel, innovation: &Innovation, r: f64) {
-        let limit = self.settings.detection.relief;
-        let noise = &mut self.channels[channel.index()].noise;
-        let predicted = innovation.variance - r * noise.factor();
-        if noise.follow(innovation.value * innovation.value, predicted, r, limit) {
-            self.onsets.clear();
-            self.tell(Change::Healed { channel, height_step_m: 0.0 });
-        }
-    }
-
-    /// The onset since which the innovations are explained best.
-    fn best_onset(&self, mut see: impl FnMut(&Score)) -> Option<(&Onset, Score)> {
-        let mut best: Option<(&Onset, Score)> = None;
-        for onset in self.onsets.iter() {
-            let score = score(onset, &self.settings.detection);
-            see(&score);
-            if best.is_none_or(|(_, b)| score.most > b.most) {
-                best = Some((onset, score));
-            }
-        }
-        best
-    }
-
-    /// Asks the bank what explains the innovations best, when it may have an answer.
-    fn look_for_faults(&mut self) {
-        let d = &self.settings.detection;
-        if d.noise_cost <= d.ratio && self.onsets.is_calm(d.ratio + d.jump_cost) {
-            return;
-        }
-        let mut most_jump = f64::NEG_INFINITY;
-        let best = self.best_onset(|score| most_jump = most_jump.max(score.jump));
-        let Some((onset, score)) = best else { return };
-        let lasting = self.clock_s - onset.time_s >= d.lasting_s;
-        let found = (lasting && (score.jump > d.ratio || d.noise_cost > d.ratio))
-            .then(|| explain(onset, d))
-            .filter(|e| e.ready);
-        let Some(found) = found else { return self.onsets.bound(most_jump + d.jump_cost) };
-        for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
-            if let Some((factor, samples)) = grown {
-                let factor = factor * self.channels[channel.index()].noise.factor();
-                self.channels[channel.index()].noise.grow(factor, samples, found.since_s);
-                if self.channels[channel.index()].biased_since_s.is_some() {
-                    // What was taken for a bias a few samples ago may have been noise: it is known by that much less.
-                    let r = self.settings.channels[channel.index()].noise_m.powi(2);
-                    let f = channel.fault();
-                    self.joint.p[(f, f)] += r * factor / f64::from(samples.max(1));
-                }
-                self.tell(Change::Faulty {
-                    channel,
-                    fault: Fault::Noise { variance_factor: factor },
-                    for_s: self.clock_s - found.since_s,
-                    height_step_m: 0.0,
-                });
-            }
-        }
-        if let Some((fit, effects)) = &found.jump {
-            self.take_jump(fit, effects, found.since_s);
-        }
-        self.onsets.clear();
-    }
-
-    /// Opens the states that jumped from the onset on: x ← x − J f̂, P ← P + J C⁻¹ Jᵀ.
-    fn take_jump(&mut self, fit: &Fit, effects: &[State; 2], since_s: f64) {
-        let before = self.joint.x[HEIGHT];
-        for i in 0..2 {
-            self.joint.x -= effects[i] * fit.size[i];
-            for j in 0..2 {
-                self.joint.p.ger(fit.covariance[i][j], &effects[i], &effects[j], 1.0);
-            }
-        }
-        let height_step_m = self.joint.x[HEIGHT] - before;
-        if fit.jumps[0] == INERTIAL {
-            return self.tell(Change::InertialAstray { height_step_m });
-        }
-        let mut declared = [false; 4];
-        for (i, s) in fit.jumps.into_iter().enumerate() {
-            let Some(channel) = Channel::ALL.get(s).copied() else { continue };
-            let state = &mut self.channels[s];
-            if state.biased_since_s.is_none() {
-                state.biased_since_s = Some(since_s);
-                state.offset_before_m =
-                    if channel.is_absolute() { 0.0 } else { self.joint.x[channel.fault()] - fit.size[i] };
-            }
-            declared[s] = true;
-        }
-        let mut moved_m = self.heal(height_step_m);
-        for channel in Channel::ALL.into_iter().filter(|c| declared[c.index()]) {
-            let state = &self.channels[channel.index()];
-            if state.biased_since_s.is_some() {
-                let fault = Fault::Bias {
-                    size_m: self.joint.x[channel.fault()] - state.offset_before_m,
-                    sigma_m: self.joint.sigma(channel.fault()),
-                };
-                self.tell(Change::Faulty {
-                    channel,
-                    fault,
-                    for_s: self.clock_s - since_s,
-                    height_step_m: moved_m,
-                });
-                moved_m = 0.0;
-            }
-        }
-    }
-
-    /// Ends biases that are zero more likely than not: with a prior N(0, F²) on faults, the odds of zero against a fault are
-    /// (F/σ) exp(−f²/2σ²) (Savage and Dickey), and those of two at once alike. Two that coasted together share the error of the height:
-    /// either may look large alone. `moved_m` is what the height has moved by before; returns what of it was not told.
-    fn heal(&mut self, mut moved_m: f64) -> f64 {
-        let prior = self.settings.detection.bias_m;
-        let biased = Channel::ALL.map(|c| self.channels[c.index()].biased_since_s.is_some());
-        if !biased.contains(&true) {
-            return moved_m;
-        }
-        let size = |c: Channel| self.joint.x[c.fault()] - self.channels[c.index()].offset_before_m;
-        let covariance = |c: Channel, d: Channel| self.joint.p[(c.fault(), d.fault())];
-        let mut healed = [false; 4];
-        for c in Channel::ALL.into_iter().filter(|c| biased[c.index()]) {
-            let variance = covariance(c, c);
-            let odds = 0.5 * (prior * prior / variance).ln() - 0.5 * size(c).powi(2) / variance;
-            if odds > HEALED {
-                healed[c.index()] = true;
-                break;
-            }
-            for d in Channel::ALL.into_iter().filter(|d| *d > c && biased[d.index()]) {
-                let (a, b, e) = (variance, covariance(c, d), covariance(d, d));
-                let det = a * e - b * b;
-                let square = (e * size(c).powi(2) - 2.0 * b * size(c) * size(d) + a * size(d).powi(2)) / det;
-                if 0.5 * (prior.powi(4) / det).ln() - 0.5 * square > 2.0 * HEALED {
-                    healed[c.index()] = true;
-                    healed[d.index()] = true;
-                }
-            }
-        }
-        for channel in Channel::ALL.into_iter().filter(|c| healed[c.index()]) {
-            let before = self.joint.x[HEIGHT];
-            if channel.is_absolute() {
-                self.joint.pin(channel.fault());
-            }
-            self.channels[channel.index()].biased_since_s = None;
-            self.onsets.clear();
-            self.tell(Change::Healed { channel, height_step_m: moved_m + self.joint.x[HEIGHT] - before });
-            moved_m = 0.0;
-        }
-        moved_m
-    }
-
-    pub(super) fn tell(&mut self, change: Change) {
-        if let Some(free) = self.changes.iter_mut().find(|c| c.is_none()) {
-            *free = Some(change);
-        }
     }
 }

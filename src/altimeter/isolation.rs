@@ -1,4 +1,4 @@
-//! What explains the innovations since an onset: which channels jumped, which have become noisy, or whether the inertial altitude jumped.
+//! Which explanation of the innovations is the best, and whether it is good enough to be declared.
 
 use super::joint::State;
 use super::onsets::{Fit, Onset};
@@ -15,12 +15,13 @@ pub(super) struct Score {
 
 /// What [`explain`] would give as score, without the explanation where that can be had for less.
 pub(super) fn score(onset: &Onset, d: &DetectionSettings) -> Score {
-    let Some([one, two]) = onset.quiet_ratios(d.climb_jump_mps) else {
+    let Some([one, two]) = onset.quiet_ratios(d.noise_cost, d.climb_jump_mps) else {
         return Score { most: explain(onset, d).score, jump: f64::INFINITY };
     };
     let (one, two) = (one - d.jump_cost, two - d.jump_cost);
     let most = f64::max(0.0, f64::max(one, two - d.both_cost));
-    Score { most, jump: f64::max(one, two) }
+    let jump = if d.noise_cost > d.ratio { f64::INFINITY } else { f64::max(one, two) };
+    Score { most, jump }
 }
 
 /// What explains the innovations since an onset.
@@ -91,8 +92,8 @@ pub(super) fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
     let mut grown = [None; 4];
     for c in 0..4 {
         let (ratio, _) = Onset::noise(onset.bounded[c], onset.count[c]);
-        let shown = !jumps(&best.1, c) && onset.count[c] >= d.samples && ratio > d.ratio;
-        if shown && ahead_of(&|fit| jumps(fit, c)) {
+        let large = onset.count[c] >= d.samples && ratio > d.ratio;
+        if large && !jumps(&best.1, c) && ahead_of(&|fit| jumps(fit, c)) {
             let (_, factor) = Onset::noise(onset.square[c], onset.count[c]);
             grown[c] = Some((factor, onset.count[c]));
         }
