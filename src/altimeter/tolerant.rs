@@ -31,9 +31,11 @@ const LIMIT: f64 = 3.0;
 const FORGOTTEN_S: f64 = 3.0;
 /// So many distances in a row that do not fit are to another ground.
 const ANOTHER_GROUND: u32 = 5;
-/// The least part of the inertial noise, and how fast it grows and shrinks by ν² − 1 of a sample.
+/// The least part of the inertial noise, and how fast it grows and shrinks by the surprise of a sample.
 const LEAST_DOUBT: f64 = 0.02;
-const DOUBT_GAIN: [f64; 2] = [0.1, 0.02];
+const DOUBT_GAIN: [f64; 2] = [0.12, 0.03];
+/// A healthy ν² is below this more often than not, by so much that the part shrinks.
+const SURPRISE: f64 = 2.0;
 /// A channel has settled when its prediction's variance is this part of a sample's.
 const SETTLED: f64 = 0.1;
 /// An innovation beyond this may be the first of a fault, in standard deviations.
@@ -319,7 +321,7 @@ impl Altimeter {
         self.onsets.measured(channel, &innovation, &gain, self.in_use());
         self.note_noise(channel, &innovation, r);
         if settled && channel != Channel::Gnss && channel != Channel::Range {
-            let surprise = (normalised * normalised).min(LIMIT * LIMIT) - 1.0;
+            let surprise = (normalised * normalised).min(LIMIT * LIMIT) - SURPRISE;
             let gain = if surprise > 0.0 { DOUBT_GAIN[0] } else { DOUBT_GAIN[1] };
             self.doubt = (self.doubt * (gain * surprise).exp()).clamp(LEAST_DOUBT, 1.0);
         }
