@@ -126,21 +126,17 @@ impl Navigator {
         let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
         let Some((index, channel)) = self.barometer(s) else { return Verdict::Rejected(Reason::Redundant) };
         let height = self.height.height_m().unwrap_or_default();
-        let fresh = Barometer {
-            sensor: s.sensor,
-            heard: s.time,
-            same: (s.time, s.pressure_pa, height),
-            stuck: false,
-        };
-        let known = *self.heights.barometers[index].get_or_insert(fresh);
-        if known.sensor == s.sensor && s.time < known.heard || s.time == known.heard && known.same.0 < s.time
-        {
+        let known = self.heights.barometers[index].filter(|b| b.sensor == s.sensor);
+        if known.is_some_and(|b| s.time <= b.heard) {
             return Verdict::Rejected(Reason::OutOfOrder);
         }
         if self.is_late(s.time, LATE_PRESSURE_S) {
             return Verdict::Rejected(Reason::Late);
         }
-        let barometer = if known.sensor == s.sensor { known.told(s, height) } else { fresh };
+        if known.is_none() && self.heights.barometers[index].is_some() {
+            self.height.another(channel);
+        }
+        let barometer = known.map_or_else(|| Barometer::new(s, height), |b| b.told(s, height));
         self.heights.barometers[index] = Some(barometer);
         if barometer.stuck {
             return Verdict::Rejected(Reason::Stuck);
@@ -193,6 +189,10 @@ impl Navigator {
 }
 
 impl Barometer {
+    fn new(s: &PressureSample, height_m: f64) -> Self {
+        Self { sensor: s.sensor, heard: s.time, same: (s.time, s.pressure_pa, height_m), stuck: false }
+    }
+
     /// With a sample that was just heard.
     fn told(self, s: &PressureSample, height_m: f64) -> Self {
         let (since, pressure, then_m) = self.same;
