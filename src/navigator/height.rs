@@ -9,7 +9,7 @@ use super::event::What;
 use super::verdict::{Reason, Verdict};
 
 /// A change of the height by one measurement beyond this is no tracking any more, and is not shown at once, m.
-const SHOWN_AT_ONCE_M: f64 = 0.2;
+const SHOWN_AT_ONCE_M: f64 = 0.1;
 /// A height whose distance to the estimate is below this has joined it, m.
 const JOINED_M: f64 = 1e-3;
 /// A pressure is carried to the present for this long, s.
