@@ -17,6 +17,14 @@ use super::settings::AltimeterSettings;
 
 /// Longest step of the prediction, s.
 const MAX_STEP_S: f64 = 0.5;
+/// Longest time that is predicted at once, s: nobody is without an IMU for longer and knows the height.
+const MAX_TIME_S: f64 = 5000.0;
+/// Beyond this nothing is a height, a distance, or what an origin moves by, m …
+const LARGEST_M: f64 = 1e6;
+/// … nor an acceleration, or the noise of one, m/s².
+const LARGEST_MPS2: f64 = 1e4;
+/// Variance of a height of which nothing is known any more, m²: from here on time stands still, for the doubt grows without bound.
+const LOST_VARIANCE: f64 = LARGEST_M * LARGEST_M;
 /// The limit of (32), in standard deviations.
 const LIMIT: f64 = 3.0;
 /// A channel without a height of its own that was silent for this long begins anew, s.
@@ -221,14 +229,14 @@ impl Altimeter {
     /// A channel's offset may change faster for now (a barometer in the ground effect): it walks by `walk` m/√s over `dt` seconds.
     pub fn loosen(&mut self, channel: Channel, walk: f64, dt: f64) {
         let q = walk * walk * dt;
-        if q > 0.0 && q.is_finite() && self.channels[channel.index()].started {
+        if q > 0.0 && q < LOST_VARIANCE && self.channels[channel.index()].started {
             self.joint.p[(channel.offset(), channel.offset())] += q;
         }
     }
 
     /// The origin has moved up by `up_m`: heights above it become smaller.
     pub fn shift_origin(&mut self, up_m: f64) {
-        if !self.started || !up_m.is_finite() {
+        if !self.started || up_m.is_nan() || up_m.abs() > LARGEST_M {
             return;
         }
         self.joint.x[HEIGHT] -= up_m;
@@ -247,15 +255,17 @@ impl Altimeter {
     /// `noise` is the noise density that this acceleration may have beyond the settings' own, m/s²/√Hz: a wrong attitude shows in
     /// manoeuvres. How much of it there is, the innovations of the barometer tell.
     pub fn predict(&mut self, dt: f64, accel_up: f64, noise: f64) {
-        if !(dt > 0.0 && dt.is_finite() && accel_up.is_finite()) {
+        if !(dt > 0.0 && dt.is_finite() && accel_up.abs() < LARGEST_MPS2) {
             return;
         }
+        let dt = dt.min(MAX_TIME_S);
         let steps = (dt / MAX_STEP_S).ceil().min(1e4);
         for _ in 0..steps as usize {
             let (t, dv, dh) = self.pending;
             let dt = dt / steps;
             self.pending = (t + dt, dv + accel_up * dt, dh + dv * dt + 0.5 * accel_up * dt * dt);
-            self.pending_noise += if noise.is_finite() { self.doubt * noise * noise * dt } else { 0.0 };
+            self.pending_noise +=
+                if noise.abs() < LARGEST_MPS2 { self.doubt * noise * noise * dt } else { 0.0 };
             if t + dt >= MAX_STEP_S {
                 self.catch_up();
             }
@@ -268,9 +278,11 @@ impl Altimeter {
         if dt > 0.0 {
             let phi = self.joint.transition(dt);
             let noise = std::mem::take(&mut self.pending_noise);
-            self.joint.predict(&phi, delta_v, delta_h, noise / dt);
-            self.onsets.predict(&phi, self.in_use());
             self.clock_s += dt;
+            if self.joint.p[(HEIGHT, HEIGHT)] < LOST_VARIANCE {
+                self.joint.predict(&phi, delta_v, delta_h, noise / dt);
+                self.onsets.predict(&phi, self.in_use());
+            }
         }
     }
 
@@ -291,9 +303,9 @@ impl Altimeter {
     ) -> HeightVerdict {
         let i = channel.index();
         let floor = self.settings.channels[i].noise_m;
-        let sigma = claimed_sigma_m.filter(|s| s.is_finite()).unwrap_or(floor).max(floor);
+        let sigma = claimed_sigma_m.filter(|s| *s < LARGEST_M).unwrap_or(floor).max(floor);
         let y = height_m + self.climb_mps() * age_s;
-        if !y.is_finite() {
+        if y.is_nan() || y.abs() > LARGEST_M {
             return HeightVerdict::Rejected(f64::NAN);
         }
         self.catch_up();
