@@ -68,6 +68,13 @@ impl FlownAltimeter {
         self.baro_zero_m
     }
 
+    /// What comes on a channel is another sensor's from now on: the barometer's height is counted anew.
+    pub fn another(&mut self, channel: Channel) {
+        if channel == Channel::Baro {
+            self.baro_zero_m = None;
+        }
+    }
+
     /// The origin has moved up by `up_m`: heights above it become smaller.
     pub fn shift_origin(&mut self, up_m: f64) {
         self.inertial.0 -= up_m;

@@ -95,6 +95,14 @@ impl HeightFilter {
         }
     }
 
+    /// What comes on a channel is another sensor's from now on.
+    pub fn another(&mut self, channel: Channel) {
+        match self {
+            Self::Tolerant(f) => f.another(channel),
+            Self::Published(f) => f.another(channel),
+        }
+    }
+
     /// A channel's offset may change faster for now: it walks by `walk` m/√s over `dt` seconds.
     pub fn loosen(&mut self, channel: Channel, walk: f64, dt: f64) {
         if let Self::Tolerant(f) = self {

@@ -78,6 +78,22 @@ pub(super) struct ChannelState {
     refused: u32,
 }
 
+impl ChannelState {
+    fn new() -> Self {
+        Self {
+            started: false,
+            settled: false,
+            far: false,
+            settling: 0,
+            biased_since_s: None,
+            offset_before_m: 0.0,
+            noise: GrownNoise::default(),
+            heard_s: f64::NEG_INFINITY,
+            refused: 0,
+        }
+    }
+}
+
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Altimeter {
@@ -103,22 +119,11 @@ pub struct Altimeter {
 impl Altimeter {
     /// An altimeter that waits for its first height.
     pub fn new(settings: AltimeterSettings) -> Self {
-        let channel = ChannelState {
-            started: false,
-            settled: false,
-            far: false,
-            settling: 0,
-            biased_since_s: None,
-            offset_before_m: 0.0,
-            noise: GrownNoise::default(),
-            heard_s: f64::NEG_INFINITY,
-            refused: 0,
-        };
         let d = &settings.detection;
         Self {
             joint: Joint::new(settings.inertial, settings.channels.map(|c| c.offset)),
             onsets: Onsets::new(d.spacing_s, d.window_s),
-            channels: [channel; 4],
+            channels: [ChannelState::new(); 4],
             drift: Drift::default(),
             started: false,
             clock_s: 0.0,
@@ -175,6 +180,19 @@ impl Altimeter {
             None if c.started => Health::Healthy,
             None => Health::Unheard,
         }
+    }
+
+    /// What comes on a channel is another sensor's from now on: its offset is found anew, the height stays.
+    pub fn another(&mut self, channel: Channel) {
+        self.channels[channel.index()] = ChannelState::new();
+        if channel.is_absolute() {
+            self.joint.x[channel.fault()] = 0.0;
+            self.joint.forget(channel.fault(), 0.0);
+        }
+        if channel == Channel::Baro {
+            self.drift = Drift::default();
+        }
+        self.onsets.clear();
     }
 
     /// How far a channel's height, m, with the standard deviation that the sensor claims, lies from what is expected of it, in standard
