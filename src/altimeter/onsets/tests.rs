@@ -1,20 +1,14 @@
 //! A jump that is found afterwards is undone as if the state had been open from its onset on.
 
 use super::super::joint::{HEIGHT, InertialModel, Joint, OffsetModel};
+use super::super::settings::AltimeterSettings;
 use super::*;
 
 const R: f64 = 0.5;
 const USED: [bool; JUMPS] = [true; JUMPS];
 
 fn joint() -> Joint {
-    let inertial = InertialModel {
-        accel_noise: 0.3,
-        accel_bias_sigma: 0.1,
-        accel_bias_walk: 0.01,
-        accel_bias_rate: 0.02,
-        start_sigma: [3.0, 0.5],
-        gravity_gradient: 3e-6,
-    };
+    let inertial = InertialModel { accel_noise: 0.3, ..AltimeterSettings::table_1().inertial };
     // The jump of an offset that forgets would be forgotten with it.
     let offset = |rate| OffsetModel { sigma_m: 1.0, walk: 0.1, rate };
     Joint::new(inertial, [0.01, 0.01, 0.0, 0.0].map(offset))
