@@ -33,11 +33,13 @@ const FORGOTTEN_S: f64 = 3.0;
 const ANOTHER_GROUND: u32 = 5;
 /// The least part of the inertial noise, and how fast it grows and shrinks by the surprise of a sample.
 const LEAST_DOUBT: f64 = 0.02;
-const DOUBT_GAIN: [f64; 2] = [0.12, 0.03];
+const DOUBT_GAIN: [f64; 2] = [0.03, 0.0075];
 /// A healthy ν² is below this more often than not, by so much that the part shrinks.
 const SURPRISE: f64 = 2.0;
 /// A channel has settled when its prediction's variance is this part of a sample's.
 const SETTLED: f64 = 0.1;
+/// A channel of which that is so much more has to settle again: after a long silence of all, nobody knows what it should read.
+const UNSETTLED: f64 = 25.0;
 /// An innovation beyond this may be the first of a fault, in standard deviations.
 const SUSPICIOUS: f64 = 2.5;
 /// Or after so many samples.
@@ -327,6 +329,9 @@ impl Altimeter {
         self.channels[i].settling = self.channels[i].settling.saturating_add(1);
         self.channels[i].settled |=
             innovation.variance - r < SETTLED * r || self.channels[i].settling > SETTLING;
+        if innovation.variance - r > UNSETTLED * r && self.channels[i].biased_since_s.is_none() {
+            (self.channels[i].settled, self.channels[i].settling) = (false, 0);
+        }
         let settled = self.channels[i].settled;
         let prob = if settled { normal_operation(normalised, 1.0, LIMIT) } else { 1.0 };
         let weight = if prob < self.settings.least_prob { 0.0 } else { prob };
