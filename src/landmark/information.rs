@@ -218,6 +218,14 @@ impl Information {
         chol.l_dirty().solve_lower_triangular_mut(&mut rows).then(|| rows.tr_mul(&rows))
     }
 
+    /// Sigmas of q (m) and of the elements of N: the largest of each.
+    pub fn sigmas(&self) -> Option<[f64; 2]> {
+        let covariance = Cholesky::new(self.y)?.inverse();
+        let largest =
+            |from: usize, to: usize| (from..to).map(|i| covariance[(i, i)]).fold(0.0, f64::max).sqrt();
+        Some([largest(0, 3), largest(3, N)])
+    }
+
     /// q, where the landmarks' origin is in D, m.
     pub fn q(&self) -> Vector3<f64> {
         self.x.fixed_rows::<3>(0).into()

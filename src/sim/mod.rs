@@ -2,16 +2,20 @@
 
 pub mod flight;
 mod hops;
+pub mod landmarks;
 pub mod models;
 mod noise;
 mod profile;
 pub mod scenario;
 pub mod sensors;
 pub mod trajectory;
+mod wander;
 mod wing;
 
 pub use flight::{Reading, Samples, SensorSuite, Simulation};
+pub use landmarks::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, SeenLandmark};
 pub use noise::GaussMarkov;
 pub use scenario::Scenario;
 pub use sensors::{Environment, ImuMean, NoiseLevels, Noisy};
 pub use trajectory::{FixedWing, Multirotor, Trajectory, Truth};
+pub use wander::Wander;

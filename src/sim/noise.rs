@@ -16,6 +16,9 @@ pub(super) enum Stream {
     Magnetometer,
     Range,
     Airspeed,
+    Landmarks,
+    LandmarkMotion,
+    LandmarkStart,
 }
 
 /// Random numbers of one sensor.

@@ -1,0 +1,104 @@
+//! Whether what has been seen of the landmarks can tell a pose at all.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// What the landmarks that were used say of the pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Observability {
+    /// Three landmarks or more that are not on a line.
+    Observable,
+    /// As many different landmarks have been used ever: fewer than three.
+    TooFew(u32),
+    /// All that were used of late are on a line: the turn about it is not seen.
+    OnALine,
+}
+
+/// Which landmarks were used, and how those of late are spread.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Geometry {
+    ever: [u64; 4],
+    weight: f64,
+    mean: Vector3<f64>,
+    /// Σ w (Q − mean)(Q − mean)ᵀ / Σ w
+    spread: Matrix3<f64>,
+}
+
+/// Landmarks whose spread across is less than this part of that along are on a line.
+const THIN: f64 = 0.05;
+/// Seconds after which a landmark that is not seen any more counts 1/e.
+const MEMORY_S: f64 = 10.0;
+
+impl Geometry {
+    pub(super) fn new() -> Self {
+        Self { ever: [0; 4], weight: 0.0, mean: Vector3::zeros(), spread: Matrix3::zeros() }
+    }
+
+    pub(super) fn forget(&mut self, dt_s: f64) {
+        self.weight *= (-dt_s / MEMORY_S).exp();
+    }
+
+    /// A landmark was used.
+    pub(super) fn used(&mut self, id: u8, landmark: &Vector3<f64>) {
+        if let Some(word) = self.ever.get_mut(usize::from(id / 64)) {
+            *word |= 1 << (id % 64);
+        }
+        // A window that never becomes shorter than one sighting.
+        let total = self.weight + 1.0;
+        let (part, from_mean) = (1.0 / total, landmark - self.mean);
+        self.spread = (self.spread + from_mean * from_mean.transpose() * part) * (1.0 - part);
+        self.mean += from_mean * part;
+        self.weight = total;
+    }
+
+    pub(super) fn observability(&self) -> Observability {
+        let count = self.ever.iter().map(|w| w.count_ones()).sum();
+        if count < 3 {
+            return Observability::TooFew(count);
+        }
+        let mut sizes: [f64; 3] = self.spread.symmetric_eigenvalues().into();
+        sizes.sort_by(|a, b| b.total_cmp(a));
+        if sizes[1] < THIN * THIN * sizes[0] || sizes[0] <= 0.0 {
+            Observability::OnALine
+        } else {
+            Observability::Observable
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(points: &[(u8, Vector3<f64>)]) -> Observability {
+        let mut g = Geometry::new();
+        for _ in 0..20 {
+            points.iter().for_each(|(id, q)| g.used(*id, q));
+            g.forget(0.1);
+        }
+        g.observability()
+    }
+
+    #[test]
+    fn lines_and_pairs_are_told() {
+        let on_line = |i: u8| (i, Vector3::new(40.0, 7.0, 1.0) + f64::from(i) * Vector3::new(1.0, -2.0, 0.3));
+        let pair = [on_line(0), on_line(200)];
+        assert_eq!(seen(&pair), Observability::TooFew(2));
+        assert_eq!(seen(&[]), Observability::TooFew(0));
+        let line: Vec<_> = (0..6).map(on_line).collect();
+        assert_eq!(seen(&line), Observability::OnALine);
+        let mut field = line;
+        field.push((9, Vector3::new(35.0, 0.0, 0.0)));
+        assert_eq!(seen(&field), Observability::Observable);
+    }
+
+    #[test]
+    fn the_spread_is_that_of_the_points() {
+        let mut g = Geometry::new();
+        let points =
+            [Vector3::new(1.0, 2.0, 3.0), Vector3::new(-4.0, 0.5, 2.0), Vector3::new(6.0, -1.0, 0.0)];
+        points.iter().for_each(|q| g.used(0, q));
+        let mean = points.iter().sum::<Vector3<f64>>() / 3.0;
+        let spread: Matrix3<f64> = points.iter().map(|q| (q - mean) * (q - mean).transpose() / 3.0).sum();
+        assert!((g.spread - spread).norm() < 1e-12);
+    }
+}
