@@ -205,6 +205,7 @@ fn fly(c: &Conditions, seed: u64) -> [Option<(f64, Error)>; 3] {
         noise: MotionNoise::mems(),
         settings: Default::default(),
         attitude_rad: c.attitude_deg.map(f64::to_radians),
+        tells_attitude: false,
         duration_s: DURATION_S,
         seed,
     };

@@ -11,13 +11,35 @@ use nalgebra::{Matrix3, Matrix6, Vector3};
 use super::dead_reckoning::{DeadReckoned, DeadReckoning, MotionVerdict, NotRemembered};
 use super::geometry::Observability;
 use super::hinf::Definiteness;
-use super::information::Information;
+use super::information::{Information, SeenInD};
 use super::motion::BodyMotion;
-use super::ordered::{NotTaken, Ordered};
+use super::ordered::{NotTaken, Ordered, Place};
+use super::refined::{Refined, Rigid};
 use super::settings::{CameraMount, LandmarkMap, LandmarkSettings};
 use super::sighting::{LandmarkSighting, SightingVerdict, in_d};
 use super::tracker::{Event, Tracker};
 use crate::time::{ApTime, Span};
+
+/// Where a filter starts: a pose, and how far it may be off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseGuess {
+    /// Position in the landmarks' frame, m.
+    pub position_ned: Vector3<f64>,
+    /// Attitude.
+    pub r_body_to_ned: Matrix3<f64>,
+    /// σ of each axis of the position, m.
+    pub position_sigma_m: f64,
+    /// σ of the attitude about each axis, rad. From [`PoseGuess::ANY_ATTITUDE`] on nothing is known of it; below [`PoseGuess::GOOD_ATTITUDE`]
+    /// the refining filter starts from it at once.
+    pub attitude_sigma_rad: f64,
+}
+
+impl PoseGuess {
+    /// σ of each element of the rotation matrix when it may be any.
+    pub const ANY_ATTITUDE: f64 = 1.2;
+    /// As far as a linearisation about the guess reaches.
+    pub const GOOD_ATTITUDE: f64 = 0.35;
+}
 
 /// Which filter a pose is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,34 +91,41 @@ pub struct LandmarkFilter {
     reckoning: DeadReckoning,
     ordered: Ordered<Tracker>,
     gravity_at: ApTime,
-    /// Of several events of one time.
     restarts: u32,
 }
 
-/// Ranks of events of the same time: sightings by camera and landmark first.
-const GRAVITY_RANK: u32 = 1 << 16;
-const BREAK_RANK: u32 = GRAVITY_RANK + 1;
+/// Ranks of events of the same time: sightings by camera, landmark and where it was seen; then what comes with the motion.
+const GRAVITY_RANK: u64 = 1 << 48;
+const BREAK_RANK: u64 = GRAVITY_RANK + 1;
+
+/// A camera may see two landmarks of one id, of which one is another: both are judged, in an order that is the same whichever comes first.
+/// The same message heard twice has the same rank.
+fn rank(sighting: &LandmarkSighting, seen: &SeenInD) -> u64 {
+    let fold = |hash: u64, v: &f64| (hash ^ v.to_bits()).wrapping_mul(0x0100_0000_01b3).rotate_left(23);
+    let distance = seen.distance.map_or(0.0, |d| d[0]);
+    let hash = seen.direction_d.iter().chain([&distance]).fold(0xcbf2_9ce4_8422_2325, fold);
+    u64::from(sighting.camera) << 40 | u64::from(sighting.id) << 32 | hash >> 32
+}
 
 impl LandmarkFilter {
-    /// Starts at `time` with a guess of the pose, which may be far off: see [`LandmarkSettings::start_position_sigma_m`].
+    /// Starts at `time` with a guess of the pose, which may be far off.
     pub fn new(
         settings: LandmarkSettings,
         map: LandmarkMap,
         cameras: Vec<CameraMount>,
         time: ApTime,
-        position_ned: &Vector3<f64>,
-        r_body_to_ned: &Matrix3<f64>,
+        guess: &PoseGuess,
     ) -> Self {
         let reckoning = DeadReckoning::new(time, settings.history_s, settings.gap_s, settings.motions);
-        let tracker = started(&settings, &map, time, position_ned, r_body_to_ned, &reckoning.present());
+        let tracker = started(&map, time, guess, &reckoning.present());
         let ordered = Ordered::new(tracker, settings.events);
         Self { settings, map, cameras, reckoning, ordered, gravity_at: time, restarts: 0 }
     }
 
     /// Starts again at the present from a guess of the pose.
-    pub fn restart(&mut self, position_ned: &Vector3<f64>, r_body_to_ned: &Matrix3<f64>) {
+    pub fn restart(&mut self, guess: &PoseGuess) {
         let (time, at) = (self.reckoning.time(), self.reckoning.present());
-        let tracker = started(&self.settings, &self.map, time, position_ned, r_body_to_ned, &at);
+        let tracker = started(&self.map, time, guess, &at);
         self.ordered = Ordered::new(tracker, self.settings.events);
         self.restarts += 1;
     }
@@ -137,7 +166,7 @@ impl LandmarkFilter {
         verdict
     }
 
-    fn take(&mut self, place: (ApTime, u32), event: Event) {
+    fn take(&mut self, place: Place, event: Event) {
         // An event of the present is never too late, and is the only one of its rank.
         let _ = self.ordered.insert(&self.settings, place, event);
     }
@@ -158,11 +187,16 @@ impl LandmarkFilter {
             Ok(seen) => seen,
             Err(verdict) => return verdict,
         };
-        let place = (sighting.time, u32::from(sighting.camera) << 8 | u32::from(sighting.id));
+        let place = (sighting.time, rank(sighting, &seen));
         match self.ordered.insert(&self.settings, place, Event::Sighting(sighting.id, seen)) {
             Ok(SightingVerdict::Indefinite) => {
                 if let Some(pose) = self.pose() {
-                    self.restart(&pose.position_ned, &pose.r_body_to_ned);
+                    self.restart(&PoseGuess {
+                        position_ned: pose.position_ned,
+                        r_body_to_ned: pose.r_body_to_ned,
+                        position_sigma_m: self.settings.distance_clip_m[1],
+                        attitude_sigma_rad: PoseGuess::ANY_ATTITUDE,
+                    });
                 }
                 SightingVerdict::Indefinite
             }
@@ -230,15 +264,15 @@ impl LandmarkFilter {
     }
 }
 
-fn started(
-    settings: &LandmarkSettings,
-    map: &LandmarkMap,
-    time: ApTime,
-    position_ned: &Vector3<f64>,
-    r_body_to_ned: &Matrix3<f64>,
-    at: &DeadReckoned,
-) -> Tracker {
-    let (position, rotation) = (settings.start_position_sigma_m, settings.start_rotation_sigma);
-    let from_centroid = position_ned - map.centroid();
-    Tracker::new(time, Information::new(&from_centroid, r_body_to_ned, at, position, rotation))
+fn started(map: &LandmarkMap, time: ApTime, guess: &PoseGuess, at: &DeadReckoned) -> Tracker {
+    let (position, rotation) =
+        (guess.position_sigma_m, guess.attitude_sigma_rad.min(PoseGuess::ANY_ATTITUDE));
+    let from_centroid = guess.position_ned - map.centroid();
+    let hinf = Information::new(&from_centroid, &guess.r_body_to_ned, at, position, rotation);
+    let refined = (rotation < PoseGuess::GOOD_ATTITUDE).then(|| {
+        let rigid = Rigid { centroid_d: hinf.q(), r_to_d: hinf.n() };
+        // The centroid's doubt is the position's and what the attitude's makes of the way there.
+        Refined::new(rigid, rotation, position.hypot(rotation * from_centroid.norm()))
+    });
+    Tracker::new(time, hinf, refined)
 }

@@ -245,3 +245,67 @@ impl Information {
         position.iter().all(|v| v.is_finite()).then_some((position, r))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geo::so3::exp;
+
+    fn started(position_sigma_m: f64) -> (Information, DeadReckoned) {
+        let at = DeadReckoned { r_body_to_d: Matrix3::identity(), position_d: Vector3::zeros() };
+        let r = exp(&Vector3::new(0.3, -0.2, 1.0));
+        (Information::new(&Vector3::new(1.0, 2.0, -3.0), &r, &at, position_sigma_m, 1.2), at)
+    }
+
+    #[test]
+    fn it_starts_where_it_is_told_to() {
+        let (filter, at) = started(4.0);
+        let (position, r) = filter.pose(&at).unwrap();
+        assert!((position - Vector3::new(1.0, 2.0, -3.0)).norm() < 1e-12);
+        assert!((r - exp(&Vector3::new(0.3, -0.2, 1.0))).norm() < 1e-12);
+        let [position, rotation] = filter.sigmas().unwrap();
+        assert!((position - 4.0).abs() < 1e-12 && (rotation - 1.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn forgetting_in_parts_is_forgetting_at_once_and_ends_at_the_floor() {
+        let (mut filter, _) = started(4.0);
+        filter.gravity(&Vector3::z(), 0.03).unwrap();
+        let (mut once, mut parts) = (filter.clone(), filter.clone());
+        once.forget(0.25, 1.7);
+        (0..17).for_each(|_| parts.forget(0.25, 0.1));
+        assert!((once.y - parts.y).norm() < 1e-9);
+        once.forget(0.25, 1e4);
+        assert!((once.y - Matrix12::from_diagonal(&filter.floor)).norm() < 1e-12);
+    }
+
+    /// The rows of the orthonormality are exact for a symmetric stretch of N, and blind to a turn of it.
+    #[test]
+    fn orthonormality_takes_out_a_stretch_and_keeps_a_turn() {
+        let (mut filter, _) = started(4.0);
+        let n = filter.n();
+        let stretch = Matrix3::new(0.7, 0.05, 0.0, 0.05, 1.2, -0.1, 0.0, -0.1, 0.9);
+        filter.x.fixed_rows_mut::<9>(3).copy_from_slice((n * stretch).as_slice());
+        filter.orthonormality(1e9).unwrap();
+        assert!((filter.n() - n).norm() < 1e-6, "{}", filter.n() - n);
+        let before = filter.x;
+        filter.orthonormality(1e9).unwrap();
+        assert!((filter.x - before).norm() < 1e-6);
+    }
+
+    #[test]
+    fn a_sighting_above_the_gate_changes_nothing() {
+        let (mut filter, _) = started(0.1);
+        let how = Weighing { bearing_sigma_rad: 0.01, distance_clip_m: [0.5, 12.0], gate: 20.0, weight: 1.0 };
+        let seen = SeenInD {
+            landmark: Vector3::zeros(),
+            direction_d: Vector3::x(),
+            camera_d: Vector3::new(-1.0, 2.0, 0.0),
+            distance: Some([50.0, 0.1]),
+        };
+        let before = filter.clone();
+        let judged = filter.sighting(&seen, &how).unwrap();
+        assert!(!judged.used && judged.ratio > 1000.0);
+        assert_eq!(filter, before);
+    }
+}

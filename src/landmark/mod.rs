@@ -24,7 +24,7 @@ mod tracker;
 pub mod vision_inertial;
 
 pub use dead_reckoning::MotionVerdict;
-pub use drone::{LandmarkFilter, LandmarkHealth, LandmarkPose, PoseSource};
+pub use drone::{LandmarkFilter, LandmarkHealth, LandmarkPose, PoseGuess, PoseSource};
 pub use geometry::Observability;
 pub use hinf::{Definiteness, HinfFilter, HinfSettings, UpdateRefusal};
 pub use implicit::{Dynamics, ImplicitOutput, ImplicitSystem, Transition};

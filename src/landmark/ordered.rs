@@ -21,7 +21,7 @@ pub trait Replayed: Clone {
 }
 
 /// Where an event stands: its time, and a rank among those of the same time.
-pub type Place = (ApTime, u32);
+pub type Place = (ApTime, u64);
 
 #[derive(Clone, Debug)]
 struct Entry<S: Replayed> {
@@ -130,7 +130,7 @@ mod tests {
     proptest! {
         #[test]
         fn the_order_of_arrival_does_not_matter(events in proptest::collection::vec((0..50i64, 0..9u64), 1..40), seed in 0..1000usize) {
-            let all: Vec<(Place, u64)> = events.iter().enumerate().map(|(i, (t, e))| ((ApTime::from_micros(*t), i as u32), *e)).collect();
+            let all: Vec<(Place, u64)> = events.iter().enumerate().map(|(i, (t, e))| ((ApTime::from_micros(*t), i as u64), *e)).collect();
             let run = |order: &[(Place, u64)]| {
                 let mut ordered = Ordered::new(Chain(7), 64);
                 order.iter().for_each(|(place, e)| { ordered.insert(&(), *place, *e).unwrap(); });

@@ -156,3 +156,80 @@ impl Refined {
         (n_t * arm + centroid, n_t * at.r_body_to_d, j * self.p * j.transpose())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rigid() -> Rigid {
+        Rigid { centroid_d: Vector3::new(3.0, -2.0, 1.5), r_to_d: exp(&Vector3::new(0.4, -1.1, 2.0)) }
+    }
+
+    fn perturbed(rigid: &Rigid, i: usize, by: f64) -> Rigid {
+        let mut e = Vector6::zeros();
+        e[i] = by;
+        let turn = exp(&e.fixed_rows::<3>(0).into_owned());
+        Rigid { centroid_d: rigid.centroid_d + e.fixed_rows::<3>(3), r_to_d: turn * rigid.r_to_d }
+    }
+
+    /// The covariance of the pose with P = e_i e_iᵀ is the outer product of the pose's derivative along e_i.
+    #[test]
+    fn the_pose_moves_with_the_transformation_as_its_covariance_says() {
+        let at = DeadReckoned {
+            r_body_to_d: exp(&Vector3::new(-0.3, 0.2, 0.9)),
+            position_d: Vector3::new(7.0, 1.0, -4.0),
+        };
+        let centroid = Vector3::new(100.0, -50.0, 3.0);
+        let filter = Refined::new(rigid(), 1.0, 1.0);
+        let (p0, r0, _) = filter.pose(&at, &centroid);
+        for i in 0..6 {
+            let h = 1e-6;
+            let moved = Refined::new(perturbed(&rigid(), i, h), 1.0, 1.0);
+            let (p, r, _) = moved.pose(&at, &centroid);
+            let (dp, dr) = ((p - p0) / h, log(&(r * r0.transpose())) / h);
+            let mut unit = Matrix6::zeros();
+            unit[(i, i)] = 1.0;
+            let (.., covariance) = Refined { p: unit, ..filter.clone() }.pose(&at, &centroid);
+            let d = Vector6::new(dp.x, dp.y, dp.z, dr.x, dr.y, dr.z);
+            assert!((covariance - d * d.transpose()).norm() < 1e-4, "{i}");
+        }
+    }
+
+    /// One exact position of a landmark, however the filter is linearised about the truth, moves the estimate onto it.
+    #[test]
+    fn the_rows_are_the_derivatives_of_what_is_seen() {
+        let settings = LandmarkSettings { refined_gate: f64::INFINITY, ..LandmarkSettings::default() };
+        let offset = Vector3::new(1.0, 4.0, -2.0);
+        let truth = rigid();
+        for i in 0..6 {
+            let mut filter = Refined::new(perturbed(&truth, i, 1e-4), 0.1, 0.1);
+            let from = filter.from(&truth).norm();
+            let camera_d = Vector3::new(0.0, 0.0, -3.0);
+            for turn in 0..3 {
+                let offset = exp(&Vector3::new(0.0, 0.0, 2.1 * f64::from(turn))) * offset;
+                let to = truth.centroid_d + truth.r_to_d * offset - camera_d;
+                let distance = Some([to.norm(), 1e-6]);
+                let seen = SeenInD { landmark: offset, direction_d: to.normalize(), camera_d, distance };
+                let exact = LandmarkSettings { bearing_sigma_rad: 1e-7, ..settings };
+                assert!(filter.sighting(&seen, &offset, &truth, &exact).is_some_and(|j| j.used));
+            }
+            let left = filter.from(&truth).norm();
+            assert!(left < 1e-2 * from, "{i}: {left} of {from}");
+        }
+    }
+
+    #[test]
+    fn a_drift_of_attitude_leaves_the_body_where_it_is() {
+        let settings =
+            LandmarkSettings { position_drift: 0.0, attitude_drift: 0.1, ..LandmarkSettings::default() };
+        let mut filter = Refined::new(rigid(), 1e-9, 1e-9);
+        let body = Vector3::new(20.0, 0.0, -5.0);
+        filter.drift(1.0, &body, &settings);
+        let at = DeadReckoned { r_body_to_d: Matrix3::identity(), position_d: body };
+        let (.., covariance) = filter.pose(&at, &Vector3::zeros());
+        for i in 0..3 {
+            assert!(covariance[(i, i)] < 1e-12);
+            assert!((covariance[(3 + i, 3 + i)] - 0.01).abs() < 1e-9);
+        }
+    }
+}

@@ -119,10 +119,6 @@ pub struct LandmarkSettings {
     pub gravity_period_s: f64,
     /// Weight of the rows that keep N near SO(3), each time a direction of gravity is taken. They carry a coplanar field and a hover.
     pub orthonormality_weight: f64,
-    /// σ of each axis of the first position, m.
-    pub start_position_sigma_m: f64,
-    /// σ of each element of the first rotation matrix; 1.2 is any attitude.
-    pub start_rotation_sigma: f64,
     /// The smoothed part of rejected sightings above which a filter is taken to be locked out.
     pub lockout_part: f64,
     /// What Y is multiplied with then.
@@ -155,8 +151,6 @@ impl Default for LandmarkSettings {
             gravity_sigma_rad: 0.03,
             gravity_period_s: 0.2,
             orthonormality_weight: 400.0,
-            start_position_sigma_m: 4.0,
-            start_rotation_sigma: 1.2,
             lockout_part: 0.6,
             lockout_factor: 0.02,
             position_drift: 0.02,
@@ -174,6 +168,6 @@ impl LandmarkSettings {
     /// The default with lengths that fit a field of landmarks that is seen from about `distance_m`.
     pub fn seen_from(distance_m: f64) -> Self {
         let d = distance_m.clamp(1.0, 1e4);
-        Self { distance_clip_m: [0.1 * d, 3.0 * d], start_position_sigma_m: d.max(4.0), ..Self::default() }
+        Self { distance_clip_m: [0.1 * d, 3.0 * d], ..Self::default() }
     }
 }

@@ -32,6 +32,10 @@ pub(super) struct Tracker {
     pub(super) geometry: Geometry,
     /// Smoothed parts of rejected sightings: H∞, refined.
     pub(super) rejected: [f64; 2],
+    /// What the H∞ filter has acquired: the transformation, and sigmas of its attitude (rad) and centroid (m).
+    acquired: Option<(Rigid, f64, f64)>,
+    /// When that was looked at last: once a picture.
+    looked_at: Option<ApTime>,
     /// Since when the refining filter contradicts its monitor.
     apart_since: Option<ApTime>,
     pub(super) resets: u32,
@@ -60,13 +64,15 @@ const APART: f64 = 60.0;
 const APART_S: f64 = 1.0;
 
 impl Tracker {
-    pub(super) fn new(time: ApTime, hinf: Information) -> Self {
+    pub(super) fn new(time: ApTime, hinf: Information, refined: Option<Refined>) -> Self {
         Self {
             time,
             hinf,
-            refined: None,
+            refined,
             geometry: Geometry::new(),
             rejected: [0.0; 2],
+            acquired: None,
+            looked_at: None,
             apart_since: None,
             resets: 0,
             lockouts: 0,
@@ -86,8 +92,8 @@ impl Tracker {
         self.time = self.time.max(time);
     }
 
-    /// The H∞ filter's transformation with sigmas of the attitude and the centroid, when it has acquired one.
-    pub(super) fn acquired(&self, settings: &LandmarkSettings) -> Option<(Rigid, f64, f64)> {
+    /// The H∞ filter's transformation, when it has acquired one.
+    fn acquire(&self, settings: &LandmarkSettings) -> Option<(Rigid, f64, f64)> {
         if self.rejected[0] > TRUSTED {
             return None;
         }
@@ -115,7 +121,11 @@ impl Tracker {
             weight: 1.0,
         };
         let monitor = self.hinf.sighting(seen, &how);
-        let about = self.acquired(settings).map(|a| a.0);
+        let is_new = self.looked_at != Some(self.time);
+        if is_new {
+            (self.acquired, self.looked_at) = (self.acquire(settings), Some(self.time));
+        }
+        let about = self.acquired.map(|a| a.0);
         let fine = self.refined.as_mut().and_then(|r| {
             let about = about.unwrap_or(*r.state());
             r.sighting(seen, &seen.landmark, &about, settings)
@@ -129,7 +139,9 @@ impl Tracker {
             self.shaped_by = self.shaped_by.saturating_add(1);
         }
         self.unlock(settings);
-        self.watch(settings);
+        if is_new {
+            self.watch();
+        }
         match fine.or(monitor) {
             Some(Judged { ratio, used: true }) => {
                 self.geometry.used(id, &seen.landmark);
@@ -147,7 +159,7 @@ impl Tracker {
             self.hinf.inflate(settings.lockout_factor);
             *hinf = 0.5 * settings.lockout_part;
             self.lockouts += 1;
-            self.shaped_by = 0;
+            (self.shaped_by, self.acquired) = (0, None);
         }
         if *refined > settings.lockout_part {
             (self.refined, *refined) = (None, 0.0);
@@ -156,11 +168,11 @@ impl Tracker {
     }
 
     /// Starts the refining filter when the H∞ filter has acquired, and resets it when it contradicts for long.
-    fn watch(&mut self, settings: &LandmarkSettings) {
+    fn watch(&mut self) {
         if self.refined.as_ref().is_some_and(|r| !r.is_finite()) {
             self.refined = None;
         }
-        let Some((rigid, rotation, position)) = self.acquired(settings) else {
+        let Some((rigid, rotation, position)) = self.acquired else {
             self.apart_since = None;
             return;
         };
@@ -216,7 +228,7 @@ impl Replayed for Tracker {
             }
             Event::Break => {
                 self.hinf.inflate(settings.lockout_factor);
-                (self.refined, self.shaped_by) = (None, 0);
+                (self.refined, self.acquired, self.shaped_by) = (None, None, 0);
                 SightingVerdict::Used(0.0)
             }
         }

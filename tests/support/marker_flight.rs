@@ -7,8 +7,8 @@ use holdover::landmark::dead_reckoning::DeadReckoning;
 use holdover::landmark::information::SeenInD;
 use holdover::landmark::refined::{Refined, Rigid};
 use holdover::landmark::{
-    BodyMotion, CameraMount, LandmarkFilter, LandmarkMap, LandmarkSettings, LandmarkSighting, Seen,
-    SightingVerdict,
+    BodyMotion, CameraMount, LandmarkFilter, LandmarkMap, LandmarkSettings, LandmarkSighting, PoseGuess,
+    Seen, SightingVerdict,
 };
 use holdover::sim::landmarks::{LandmarkStep, wrong_start};
 use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, SeenLandmark, Trajectory, Truth};
@@ -59,6 +59,8 @@ pub struct Case<'a> {
     pub settings: LandmarkSettings,
     /// Initial error of the attitude, rad; any when absent.
     pub attitude_rad: Option<f64>,
+    /// Whether the filter is told how wrong its first attitude may be; else it takes it for any.
+    pub tells_attitude: bool,
     pub duration_s: f64,
     pub seed: u64,
 }
@@ -73,13 +75,21 @@ impl Case<'_> {
         wrong_start(&flight.start, 3.0, self.attitude_rad, self.seed)
     }
 
+    /// The start and how far off the filter is told that it may be.
+    pub fn guess(&self, flight: &LandmarkFlight) -> PoseGuess {
+        let (position_ned, r_body_to_ned) = self.start(flight);
+        let told = self.attitude_rad.map_or(PoseGuess::ANY_ATTITUDE, |a| a.max(0.02));
+        let attitude_sigma_rad = if self.tells_attitude { told } else { PoseGuess::ANY_ATTITUDE };
+        PoseGuess { position_ned, r_body_to_ned, position_sigma_m: 4.0, attitude_sigma_rad }
+    }
+
     pub fn map(&self) -> LandmarkMap {
         LandmarkMap::new(self.field.markers.iter().copied()).expect("a map")
     }
 
     pub fn filter(&self, flight: &LandmarkFlight) -> LandmarkFilter {
-        let (p, r) = self.start(flight);
-        LandmarkFilter::new(self.settings, self.map(), vec![mount(&self.camera)], stamp(0.0), &p, &r)
+        let cameras = vec![mount(&self.camera)];
+        LandmarkFilter::new(self.settings, self.map(), cameras, stamp(0.0), &self.guess(flight))
     }
 }
 
@@ -132,7 +142,8 @@ pub fn ekf_errors(case: &Case<'_>, every: usize) -> Vec<(f64, Error)> {
     let mut reckoning = DeadReckoning::new(stamp(0.0), settings.history_s, settings.gap_s, settings.motions);
     let n = r.transpose();
     let start = Rigid { centroid_d: n * (map.centroid() - p), r_to_d: n };
-    let mut ekf = Refined::new(start, settings.start_rotation_sigma, settings.start_position_sigma_m);
+    let guess = case.guess(&flight);
+    let mut ekf = Refined::new(start, guess.attitude_sigma_rad, guess.position_sigma_m);
     let mut out = Vec::new();
     let mut next = flight.seen.iter().peekable();
     for (k, step) in flight.steps.iter().enumerate() {
