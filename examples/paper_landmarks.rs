@@ -10,17 +10,17 @@
 #![allow(clippy::print_stdout, reason = "the tables are what it is for")]
 #![allow(clippy::expect_used, reason = "the support of tests, which may fail")]
 
+#[path = "../tests/support/jobs.rs"]
+mod jobs;
 #[path = "../tests/support/marker_flight.rs"]
 mod marker_flight;
 #[path = "../tests/support/paper_vision.rs"]
 mod paper_vision;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use clap::Parser;
 use holdover::landmark::riccati::Discount;
 use holdover::sim::{LandmarkCamera, MarkerField, MotionNoise, Wander};
-use indicatif::{ProgressBar, ProgressStyle};
+use jobs::all;
 use marker_flight::{Case, Error, converged_at, ekf_errors, errors, rms};
 use paper_vision::{PaperRun, Point, least_gamma};
 use serde::Serialize;
@@ -155,7 +155,7 @@ fn paper_cases(seed: u64) -> Vec<(PaperRow, Vec<Point>)> {
 fn drone(grid: &[Conditions], seeds: &[u64]) -> Vec<Row> {
     let jobs: Vec<(Conditions, u64)> =
         grid.iter().flat_map(|c| seeds.iter().map(move |s| (*c, *s))).collect();
-    let results = all(&jobs, |(conditions, seed)| fly(conditions, *seed));
+    let results = all("flights", &jobs, |(conditions, seed)| fly(conditions, *seed));
     let mut rows = Vec::new();
     for (c, runs) in grid.iter().zip(results.chunks(seeds.len())) {
         for (i, filter) in FILTERS.into_iter().enumerate() {
@@ -213,32 +213,6 @@ fn fly(c: &Conditions, seed: u64) -> [Option<(f64, Error)>; 3] {
     let limits = [0.5, 5f64.to_radians()];
     [hinf, refined, ekf_errors(&case, EVERY)]
         .map(|e| converged_at(&e, limits, BY_S).map(|t| (t, rms(&e, BY_S))))
-}
-
-/// Runs jobs on every core, with a progress bar; results in the order of the jobs.
-fn all<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
-    let style = ProgressStyle::with_template("flights {bar:40} {pos}/{len} {eta}")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new(jobs.len() as u64).with_style(style);
-    let next = AtomicUsize::new(0);
-    let workers = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len().max(1));
-    let mut results: Vec<(usize, R)> = std::thread::scope(|scope| {
-        let work_off = || {
-            let mut done = Vec::new();
-            while let Some((i, job)) =
-                Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, jobs.get(i)?)))
-            {
-                done.push((i, work(job)));
-                bar.inc(1);
-            }
-            done
-        };
-        let threads: Vec<_> = (0..workers).map(|_| scope.spawn(work_off)).collect();
-        threads.into_iter().flat_map(|t| t.join().unwrap_or_default()).collect()
-    });
-    bar.finish_and_clear();
-    results.sort_by_key(|(i, _)| *i);
-    results.into_iter().map(|(_, r)| r).collect()
 }
 
 fn print_paper(cases: &[(PaperRow, Vec<Point>)]) {

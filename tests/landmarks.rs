@@ -13,7 +13,9 @@ use holdover::landmark::{
 use holdover::sim::landmarks::SeenLandmark;
 use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, Wander};
 use holdover::time::{ApTime, Span};
-use marker_flight::{Case, Error, STEP_S, converged_at, error, errors, fly, motion, rms, sighting, stamp};
+use marker_flight::{
+    Case, Error, STEP_S, Track, converged_at, error, errors, fly, motion, rms, sighting, stamp, track,
+};
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 
@@ -42,22 +44,11 @@ fn usual<'a>(trajectory: &'a Wander, field: &'a MarkerField, seed: u64) -> Case<
 fn flown(
     case: &Case<'_>,
     change: impl Fn(&mut SeenLandmark),
-) -> (LandmarkFilter, Vec<(SeenLandmark, SightingVerdict)>, Vec<(f64, Error)>) {
+) -> (LandmarkFilter, Vec<(SeenLandmark, SightingVerdict)>, Track) {
     let mut flight = case.flight();
     flight.seen.iter_mut().for_each(change);
     let mut filter = case.filter(&flight);
-    let (mut verdicts, mut errors) = (Vec::new(), Vec::new());
-    fly(
-        &mut filter,
-        &flight,
-        |seen, v| verdicts.push((*seen, v)),
-        |step, f| {
-            let e = f
-                .pose()
-                .map_or([f64::INFINITY; 2], |p| error(&step.truth, &p.position_ned, &p.r_body_to_ned));
-            errors.push((step.truth.t_s, e));
-        },
-    );
+    let (verdicts, errors) = track(&mut filter, &flight);
     (filter, verdicts, errors)
 }
 
@@ -95,6 +86,28 @@ fn any_attitude_is_found_however_late_and_rare_sightings_are() {
         assert!(times.len() >= 12, "{delay_s} {dropout}: {} of 12", times.len());
         assert!(times[5] <= 1.5 && times[10] <= 8.0, "{delay_s} {dropout}: {times:?}");
         assert!(worst[0] < 0.1 && worst[1] < 0.02, "{delay_s} {dropout}: {worst:?}");
+    }
+}
+
+/// A field of 24 m far from the origin, flown over at 20 m; dead reckoning as bad in angle as before.
+#[test]
+fn from_20_m_it_is_good_to_a_few_decimetres() {
+    let away = Vector3::new(3000.0, -7000.0, 40.0);
+    for seed in 70..76 {
+        let mut f = MarkerField::scattered(seed, 10, 12.0, 3.0);
+        f.markers.iter_mut().for_each(|m| m.1 += away);
+        let w = Wander {
+            centre_ned: away + Vector3::new(0.0, 0.0, -20.0),
+            amplitude_m: Vector3::new(8.0, 8.0, 2.0),
+            ..Wander::over_field(0.618 * seed as f64 % 1.0)
+        };
+        let mut case = usual(&w, &f, seed);
+        (case.settings, case.duration_s) = (LandmarkSettings::seen_from(20.0), 60.0);
+        let (_, refined) = errors(&case, 5);
+        let e = rms(&refined, 30.0);
+        assert!(converged_at(&refined, LIMITS, 24.0).is_some(), "{seed}: {e:?}");
+        assert!(e[0] < 0.3 && e[1] < 0.02, "{seed}: {e:?}");
+        println!("{seed}: {e:?}");
     }
 }
 
@@ -297,18 +310,7 @@ fn a_landmark_that_is_5_m_off_is_rejected_and_the_pose_stays() {
         let case = usual(&w, &f, seed);
         let flight = case.flight();
         let mut filter = Case { field: &surveyed, ..case }.filter(&flight);
-        let (mut verdicts, mut errors) = (Vec::new(), Vec::new());
-        fly(
-            &mut filter,
-            &flight,
-            |s, v| verdicts.push((*s, v)),
-            |step, f| {
-                let e = f
-                    .pose()
-                    .map_or([f64::INFINITY; 2], |p| error(&step.truth, &p.position_ned, &p.r_body_to_ned));
-                errors.push((step.truth.t_s, e));
-            },
-        );
+        let (verdicts, errors) = track(&mut filter, &flight);
         let of_it = verdicts.iter().filter(|(s, _)| s.taken_s > 15.0 && s.id == 4 && s.is_right);
         let (gated, all) = of_it.fold((0, 0), |(g, n), (_, v)| (g + usize::from(!v.is_used()), n + 1));
         assert!(all > 20 && gated * 10 > all * 9, "{seed}: {gated} of {all}");
@@ -356,18 +358,7 @@ fn a_filter_that_is_locked_out_gets_out_again() {
     flight.seen.retain(|s| s.taken_s < 20.0);
     flight.seen.extend(other.seen.iter().filter(|s| s.taken_s >= 20.0));
     let mut filter = case.filter(&flight);
-    let mut errors = Vec::new();
-    fly(
-        &mut filter,
-        &flight,
-        |_, _| {},
-        |step, f| {
-            let e = f
-                .pose()
-                .map_or([f64::INFINITY; 2], |p| error(&step.truth, &p.position_ned, &p.r_body_to_ned));
-            errors.push((step.truth.t_s, e));
-        },
-    );
+    let (_, errors) = track(&mut filter, &flight);
     let back = converged_at(&errors, LIMITS, 40.0).unwrap_or(f64::INFINITY);
     assert!((20.0..32.0).contains(&back), "{back}");
     assert!(filter.health().resets > 0);

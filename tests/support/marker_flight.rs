@@ -7,8 +7,8 @@ use holdover::landmark::dead_reckoning::DeadReckoning;
 use holdover::landmark::information::SeenInD;
 use holdover::landmark::refined::{Refined, Rigid};
 use holdover::landmark::{
-    BodyMotion, CameraMount, LandmarkFilter, LandmarkMap, LandmarkSettings, LandmarkSighting, PoseGuess,
-    Seen, SightingVerdict,
+    BodyMotion, CameraMount, LandmarkFilter, LandmarkMap, LandmarkPose, LandmarkSettings, LandmarkSighting,
+    PoseGuess, Seen, SightingVerdict,
 };
 use holdover::sim::landmarks::{LandmarkStep, wrong_start};
 use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, SeenLandmark, Trajectory, Truth};
@@ -49,6 +49,9 @@ pub type Error = [f64; 2];
 pub fn error(truth: &Truth, position: &Vector3<f64>, r: &Matrix3<f64>) -> Error {
     [(truth.position_ned - position).norm(), angle_between(&truth.r_body_to_ned, r)]
 }
+
+/// Errors over time, s.
+pub type Track = Vec<(f64, Error)>;
 
 /// What is flown, and with what the filter is told.
 pub struct Case<'a> {
@@ -110,12 +113,31 @@ pub fn fly(
     }
 }
 
+/// Flies on to the end: the verdicts, and the errors of the shipped pose at every step.
+pub fn track(
+    filter: &mut LandmarkFilter,
+    flight: &LandmarkFlight,
+) -> (Vec<(SeenLandmark, SightingVerdict)>, Track) {
+    let (mut verdicts, mut errors) = (Vec::new(), Vec::new());
+    fly(
+        filter,
+        flight,
+        |seen, v| verdicts.push((*seen, v)),
+        |step, f| errors.push((step.truth.t_s, error_of(&step.truth, f.pose()))),
+    );
+    (verdicts, errors)
+}
+
+/// Without a pose it is as large as can be.
+pub fn error_of(truth: &Truth, pose: Option<LandmarkPose>) -> Error {
+    pose.map_or([f64::INFINITY; 2], |p| error(truth, &p.position_ned, &p.r_body_to_ned))
+}
+
 /// Errors of the H∞ filter and of the shipped pose, at every `every`th step.
-pub fn errors(case: &Case<'_>, every: usize) -> (Vec<(f64, Error)>, Vec<(f64, Error)>) {
+pub fn errors(case: &Case<'_>, every: usize) -> (Track, Track) {
     let flight = case.flight();
     let mut filter = case.filter(&flight);
     let (mut hinf, mut refined, mut k) = (Vec::new(), Vec::new(), 0);
-    let lost = [f64::INFINITY; 2];
     fly(
         &mut filter,
         &flight,
@@ -123,11 +145,8 @@ pub fn errors(case: &Case<'_>, every: usize) -> (Vec<(f64, Error)>, Vec<(f64, Er
         |step, filter| {
             k += 1;
             if k % every == 0 {
-                let of = |pose: Option<holdover::landmark::LandmarkPose>| {
-                    pose.map_or(lost, |p| error(&step.truth, &p.position_ned, &p.r_body_to_ned))
-                };
-                hinf.push((step.truth.t_s, of(filter.acquiring_pose())));
-                refined.push((step.truth.t_s, of(filter.pose())));
+                hinf.push((step.truth.t_s, error_of(&step.truth, filter.acquiring_pose())));
+                refined.push((step.truth.t_s, error_of(&step.truth, filter.pose())));
             }
         },
     );
@@ -135,7 +154,7 @@ pub fn errors(case: &Case<'_>, every: usize) -> (Vec<(f64, Error)>, Vec<(f64, Er
 }
 
 /// Errors of an extended Kalman filter with the same rows, noise, gate and memory, linearised about itself.
-pub fn ekf_errors(case: &Case<'_>, every: usize) -> Vec<(f64, Error)> {
+pub fn ekf_errors(case: &Case<'_>, every: usize) -> Track {
     let flight = case.flight();
     let (p, r) = case.start(&flight);
     let (map, mount, settings) = (case.map(), mount(&case.camera), case.settings);
