@@ -14,7 +14,8 @@ use holdover::sim::landmarks::SeenLandmark;
 use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, Wander};
 use holdover::time::{ApTime, Span};
 use marker_flight::{
-    Case, Error, STEP_S, Track, converged_at, error, errors, fly, motion, rms, sighting, stamp, track,
+    Case, Error, STEP_S, Track, converged_at, error, error_of, errors, fly, motion, rms, sighting, stamp,
+    track,
 };
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
@@ -316,6 +317,34 @@ fn a_landmark_that_is_5_m_off_is_rejected_and_the_pose_stays() {
         assert!(all > 20 && gated * 10 > all * 9, "{seed}: {gated} of {all}");
         let e = rms(&errors, 20.0);
         assert!(e[0] < 0.1 && e[1] < 0.02, "{seed}: {e:?}");
+    }
+}
+
+/// With few landmarks nobody can tell which is wrong: then there is no pose to rely on, rather than a wrong one.
+#[test]
+fn one_wrong_landmark_of_few_makes_no_wrong_pose_to_rely_on() {
+    for count in [3, 4, 5, 6] {
+        let (mut wrong, mut all) = (0, 0);
+        for seed in 0..12 {
+            let w = Wander::over_field(0.137 * seed as f64 % 1.0);
+            let f = MarkerField::scattered(seed, count, 4.0, 1.3);
+            let mut surveyed = f.clone();
+            surveyed.markers[1].1.x += 5.0;
+            let case = usual(&w, &f, seed);
+            let flight = case.flight();
+            let mut filter = Case { field: &surveyed, ..case }.filter(&flight);
+            fly(
+                &mut filter,
+                &flight,
+                |_, _| {},
+                |step, f| {
+                    let pose = f.pose().filter(|p| p.converged && step.truth.t_s > 10.0);
+                    all += 1;
+                    wrong += usize::from(pose.is_some() && error_of(&step.truth, pose)[0] > 1.0);
+                },
+            );
+        }
+        assert!(wrong * 100 < all, "{count}: {wrong} of {all}");
     }
 }
 

@@ -142,6 +142,9 @@ impl Tracker {
         if is_new {
             self.watch();
         }
+        if let Some(judged) = fine.or(monitor) {
+            self.geometry.judged(id, judged.used);
+        }
         match fine.or(monitor) {
             Some(Judged { ratio, used: true }) => {
                 self.geometry.used(id, &seen.landmark);
