@@ -23,7 +23,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("outbound", &["geo", "navigator", "sample", "time"]),
     ("metrics", &["geo", "navigator", "sample", "time"]),
     ("report", &["geo", "metrics", "navigator", "sample", "time"]),
-    ("sim", &["geo", "sample", "time"]),
+    ("sim", &["altimeter", "geo", "sample", "time"]),
     ("wire", &["geo", "navigator", "outbound", "sample", "time"]),
     ("pipeline", &["geo", "navigator", "outbound", "sample", "time", "wire"]),
     ("record", &["sample", "time", "wire"]),

@@ -10,7 +10,7 @@ const EXPONENT: f64 = 0.190_263;
 
 /// Pressure altitude in the standard atmosphere's troposphere (ISO 2533), m:
 /// H = (T0/L)·(1 − (p/p0)^(R·L/g)). The difference to the true altitude (weather, temperature) is the barometer offset that
-/// [`super::HeightFilter`] estimates. `None` for a pressure that is not positive and finite.
+/// [`super::Altimeter`] estimates. `None` for a pressure that is not positive and finite.
 pub fn pressure_altitude_m(pressure_pa: f64) -> Option<f64> {
     (pressure_pa.is_finite() && pressure_pa > 0.0)
         .then(|| T0_K / LAPSE_KPM * (1.0 - (pressure_pa / P0_PA).powf(EXPONENT)))

@@ -2,15 +2,17 @@
 
 use serde::Deserialize;
 
-use crate::altimeter::HeightSettings;
+use crate::altimeter::{
+    AltimeterKind, AltimeterSettings, ChannelSettings, DetectionSettings, InertialModel, Method, OffsetModel,
+};
 use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
 use crate::geo::so3::Euler;
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::drag::DragSettings;
 use crate::navigator::settings::{
-    Estimator, FlowBiasSource, FlowSettings, GnssSettings, HoldoverSettings, NavigatorSettings,
-    ObserverSettings, RejoinSettings,
+    Estimator, FlowBiasSource, FlowSettings, GnssSettings, HeightSettings, HoldoverSettings,
+    NavigatorSettings, ObserverSettings, RejoinSettings,
 };
 use crate::navigator::trust::TrustSettings;
 use crate::observer::eskf::EskfSettings;
@@ -167,13 +169,99 @@ struct Range {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Height {
+    filter: AltimeterName,
     accel_noise: f64,
+    accel_load_noise: f64,
     accel_bias_walk: f64,
     baro_noise_m: f64,
     baro_offset_walk: f64,
     gnss_noise_m: f64,
-    gate_sigma: f64,
-    baro_relock_s: f64,
+    gnss_wander_m: f64,
+    gnss_wander_s: f64,
+    range_below_m: f64,
+    range_noise_m: f64,
+    ground_walk: f64,
+    ground_effect_below_m: f64,
+    ground_effect_walk: f64,
+    fault_evidence: f64,
+    fault_window_s: f64,
+    fault_size_m: f64,
+    climb_jump_mps: f64,
+    glide_mps: f64,
+    jump_m: f64,
+}
+
+/// The altimeters by the names that the configuration has for them.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum AltimeterName {
+    Default,
+    Okf,
+    Rkf,
+    RkfJoseph,
+    Selector,
+}
+
+impl From<AltimeterName> for AltimeterKind {
+    fn from(name: AltimeterName) -> Self {
+        match name {
+            AltimeterName::Default => Self::Tolerant,
+            AltimeterName::Okf => Self::Published(Method::Okf),
+            AltimeterName::Rkf => Self::Published(Method::Rkf),
+            AltimeterName::RkfJoseph => Self::Published(Method::RkfJoseph),
+            AltimeterName::Selector => Self::Published(Method::Selector),
+        }
+    }
+}
+
+impl Height {
+    fn settings(&self) -> HeightSettings {
+        // Of a barometer's offset, of the ground and of a climb rate nothing is known at first.
+        const UNKNOWN_M: f64 = 1e4;
+        let baro = ChannelSettings {
+            noise_m: self.baro_noise_m,
+            offset: OffsetModel { sigma_m: UNKNOWN_M, walk: self.baro_offset_walk, rate: 0.0 },
+        };
+        let rate = 1.0 / self.gnss_wander_s;
+        let gnss = ChannelSettings {
+            noise_m: self.gnss_noise_m,
+            offset: OffsetModel {
+                sigma_m: self.gnss_wander_m,
+                walk: self.gnss_wander_m * (2.0 * rate).sqrt(),
+                rate,
+            },
+        };
+        let range = ChannelSettings {
+            noise_m: self.range_noise_m,
+            offset: OffsetModel { sigma_m: UNKNOWN_M, walk: self.ground_walk, rate: 0.0 },
+        };
+        HeightSettings {
+            kind: self.filter.into(),
+            altimeter: AltimeterSettings {
+                inertial: InertialModel {
+                    accel_noise: self.accel_noise,
+                    accel_bias_sigma: 0.2,
+                    accel_bias_walk: self.accel_bias_walk,
+                    accel_bias_rate: 0.0,
+                    start_sigma: [100.0, 2.0],
+                    gravity_gradient: 0.0,
+                },
+                channels: [baro, gnss, baro, range],
+                least_prob: 0.02,
+                detection: DetectionSettings {
+                    climb_jump_mps: self.climb_jump_mps,
+                    bias_m: self.fault_size_m,
+                    ..DetectionSettings::recorded(self.fault_evidence, self.fault_window_s)
+                },
+            },
+            accel_load_noise: self.accel_load_noise,
+            range_below_m: self.range_below_m,
+            ground_effect_below_m: self.ground_effect_below_m,
+            ground_effect_walk: self.ground_effect_walk,
+            glide_mps: self.glide_mps,
+            jump_m: self.jump_m,
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -350,7 +438,7 @@ impl Raw {
     }
 
     fn navigator(&self, patches: PatchTable) -> NavigatorSettings {
-        let (g, o, h) = (&self.gnss, &self.observer, &self.height);
+        let (g, o) = (&self.gnss, &self.observer);
         NavigatorSettings {
             estimator: o.estimator,
             imu_instantaneous: self.imu.samples == "instants",
@@ -409,15 +497,7 @@ impl Raw {
                 lasting_mps2: self.drag.lasting_mps2,
             },
             range_max_age_s: self.range.max_age_s,
-            height: HeightSettings {
-                accel_noise: h.accel_noise,
-                accel_bias_walk: h.accel_bias_walk,
-                baro_noise_m: h.baro_noise_m,
-                baro_offset_walk: h.baro_offset_walk,
-                gnss_noise_m: h.gnss_noise_m,
-                gate_sigma: h.gate_sigma,
-                baro_relock_s: h.baro_relock_s,
-            },
+            height: self.height.settings(),
             observer: ObserverSettings {
                 k_p: o.k_p,
                 k_i: o.k_i,

@@ -34,9 +34,12 @@ impl Weight {
             What::Mode { to: Mode::Holdover, .. } => Weight::Warning,
             What::Mode { from: Mode::Aided | Mode::Holdover, to: Mode::Aligning, .. } => Weight::Warning,
             What::Mode { .. } => Weight::Notice,
-            What::Reset(_) | What::WalkedBack(_) | What::FlowDistrusted(..) | What::BaroStep(_) => {
-                Weight::Warning
-            }
+            What::Reset(_)
+            | What::WalkedBack(_)
+            | What::FlowDistrusted(..)
+            | What::HeightFault { .. }
+            | What::InertialHeight(_)
+            | What::HeightReset(_) => Weight::Warning,
             What::Carried(Carrier::Inertial) => Weight::Warning,
             _ => Weight::Info,
         }

@@ -1,19 +1,14 @@
-//! Magnetometer, barometer and rangefinder.
+//! Magnetometer and rangefinder.
 
-use crate::altimeter::{HeightVerdict, atmosphere::pressure_altitude_m};
-use crate::sample::{MagSample, PressureSample, RangeDirection, RangeSample};
+use crate::sample::{MagSample, RangeDirection, RangeSample};
 use crate::time::{ApTime, Span};
 use nalgebra::Vector3;
 
 use super::Navigator;
-use super::event::What;
 use super::verdict::{Reason, Verdict};
 
-/// A second barometer takes over when the first is silent for this long, s.
-const BARO_SILENCE_S: f64 = 1.0;
-/// What is set against the present, as magnetometer and rangefinder, may be this old, s; a pressure is carried to the present.
+/// What is set against the present may be this old, s.
 pub(super) const LATE_S: f64 = 0.5;
-const LATE_PRESSURE_S: f64 = 0.6;
 /// A magnetometer that tells the same for this long, s (a slow one is told several times), while the vehicle has turned by this much, rad,
 /// beyond this rate, rad/s, within so long, s, is stuck.
 const STUCK_S: f64 = 0.3;
@@ -82,43 +77,6 @@ impl Navigator {
         stuck
     }
 
-    pub(super) fn pressure(&mut self, s: &PressureSample) -> Verdict {
-        let Some(altitude) = pressure_altitude_m(s.pressure_pa) else {
-            return Verdict::Rejected(Reason::NotFinite);
-        };
-        let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
-        let interval = match self.pressure {
-            Some((last, sensor)) if sensor != s.sensor && s.time.seconds_since(last) < BARO_SILENCE_S => {
-                return Verdict::Rejected(Reason::Redundant);
-            }
-            Some((last, _)) if s.time <= last => return Verdict::Rejected(Reason::OutOfOrder),
-            Some((last, sensor)) => {
-                if sensor != s.sensor {
-                    // Another barometer has another offset.
-                    self.height.another_barometer();
-                }
-                s.time.seconds_since(last)
-            }
-            None => 0.0,
-        };
-        if self.is_late(s.time, LATE_PRESSURE_S) {
-            return Verdict::Rejected(Reason::Late);
-        }
-        self.pressure = Some((s.time, s.sensor));
-        // Before there is a place, a height has no zero.
-        if self.place.is_none() {
-            return Verdict::Rejected(Reason::NoReferenceYet);
-        }
-        match self.height.baro(altitude, interval, now.seconds_since(s.time)) {
-            HeightVerdict::Used(_) => Verdict::Used,
-            HeightVerdict::Rejected(_) => Verdict::Rejected(Reason::Innovation),
-            HeightVerdict::OffsetReset(step) => {
-                self.tell(s.time, What::BaroStep(step));
-                Verdict::Used
-            }
-        }
-    }
-
     pub(super) fn range(&mut self, s: &RangeSample) -> Verdict {
         if s.direction != RangeDirection::Down {
             return Verdict::Rejected(Reason::NotUsed);
@@ -150,6 +108,7 @@ impl Navigator {
         self.ground_disputed_since = None;
         self.range = Some((s.time, s.distance_m));
         self.ground_m = Some(ground);
+        self.range_height(s, s.distance_m * cosine);
         Verdict::Used
     }
 

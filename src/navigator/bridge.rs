@@ -56,7 +56,7 @@ impl Navigator {
             state.velocity_ned = filter.velocity_ned;
             state.xi_ned = Vector3::zeros();
         }
-        self.height.predict(gap_s, 0.0);
+        self.height.predict(gap_s, 0.0, 0.0);
         self.predictor.clear();
         self.history.clear();
         self.history.push(

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::altimeter::{Channel, Fault};
 use crate::camera::calibration::Distrust;
 use crate::time::ApTime;
 
@@ -41,8 +42,21 @@ pub enum What {
     FlowTrusted(u8),
     /// A flow sensor is not trusted any more.
     FlowDistrusted(u8, Distrust),
-    /// The barometer stepped by this much, m; the height did not.
-    BaroStep(f64),
+    /// A source of heights is faulty; what is wrong, and for how long it has been, s.
+    HeightFault {
+        /// Which.
+        channel: Channel,
+        /// What.
+        fault: Fault,
+        /// For how long, s.
+        for_s: f64,
+    },
+    /// A source of heights is healthy again.
+    HeightHealed(Channel),
+    /// The inertial height had gone astray; it was corrected by this much, m.
+    InertialHeight(f64),
+    /// The published height had to jump by this much, m; the reset counter changed.
+    HeightReset(f64),
     /// The filter was started anew from the observer; their attitudes were this far apart, rad.
     FilterRestarted(f64),
     /// In holdover this carries the velocity now.
@@ -53,8 +67,6 @@ pub enum What {
     HeadingSought,
     /// Motion has shown the heading; its standard deviation, rad.
     HeadingFound(f64),
-    /// GNSS heights are rejected (true), or used again (false).
-    GnssHeightRejected(bool),
 }
 
 /// Why a mode was taken.
@@ -110,7 +122,16 @@ impl fmt::Display for What {
             What::Receiver(n) => write!(f, "using GNSS receiver {n}"),
             What::FlowTrusted(n) => write!(f, "flow {n} trusted"),
             What::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
-            What::BaroStep(m) => write!(f, "barometer stepped by {m:.1} m"),
+            What::HeightFault { channel, fault: Fault::Bias { size_m, .. }, for_s } => {
+                write!(f, "{} off by {size_m:+.1} m for {for_s:.1} s", channel.label())
+            }
+            What::HeightFault { channel, fault: Fault::Noise { variance_factor }, for_s } => {
+                let times = variance_factor.sqrt();
+                write!(f, "{} noise x{times:.1} for {for_s:.1} s", channel.label())
+            }
+            What::HeightHealed(channel) => write!(f, "{} healthy again", channel.label()),
+            What::InertialHeight(m) => write!(f, "inertial height was off, moved by {m:+.1} m"),
+            What::HeightReset(m) => write!(f, "height reset by {m:+.1} m"),
             What::FilterRestarted(apart) => {
                 write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
             }
@@ -120,8 +141,6 @@ impl fmt::Display for What {
             What::HeadingFound(sigma) => {
                 write!(f, "heading found from motion, +- {:.0} deg", sigma.to_degrees())
             }
-            What::GnssHeightRejected(true) => write!(f, "GNSS height rejected"),
-            What::GnssHeightRejected(false) => write!(f, "GNSS height used again"),
         }
     }
 }

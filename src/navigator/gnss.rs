@@ -2,7 +2,7 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use crate::altimeter::HeightVerdict;
+use crate::altimeter::Channel;
 use crate::observer::{FixSample, Innovation};
 use crate::sample::{GnssFix, GnssSample};
 use crate::time::{ApTime, Span};
@@ -16,8 +16,6 @@ use super::verdict::{Reason, Verdict};
 
 /// Another receiver takes over when the one in use had no fix for this long, s.
 const RECEIVER_SILENCE_S: f64 = 1.0;
-/// GNSS heights in a row that are rejected before it is told.
-const HEIGHT_REJECTIONS_TOLD: u32 = 10;
 /// A receiver's speed is not believed better than this, m/s.
 const LEAST_SPEED_SIGMA: f64 = 0.15;
 /// Standard deviation of the velocity when a fix has set it, and when it could not, m/s.
@@ -127,8 +125,7 @@ impl Navigator {
             self.latency.interrupt();
         }
         let sigma = s.vertical_accuracy_m.unwrap_or(claimed * VERTICAL_RATIO);
-        let verdict = self.height.gnss(-p.z, sigma, now.seconds_since(measured));
-        self.note_height(now, verdict);
+        self.take_height(now, Channel::Gnss, -p.z, Some(sigma), now.seconds_since(measured));
         Ok(())
     }
 
@@ -149,23 +146,6 @@ impl Navigator {
             velocity_mps: e_v.map(|e| e.norm()),
             position_sigma_m,
             velocity_sigma_mps,
-        }
-    }
-
-    fn note_height(&mut self, now: ApTime, verdict: HeightVerdict) {
-        match verdict {
-            HeightVerdict::Rejected(_) => {
-                self.gnss_height_rejected += 1;
-                if self.gnss_height_rejected == HEIGHT_REJECTIONS_TOLD {
-                    self.tell(now, What::GnssHeightRejected(true));
-                }
-            }
-            _ => {
-                if self.gnss_height_rejected >= HEIGHT_REJECTIONS_TOLD {
-                    self.tell(now, What::GnssHeightRejected(false));
-                }
-                self.gnss_height_rejected = 0;
-            }
         }
     }
 

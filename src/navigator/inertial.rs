@@ -276,7 +276,10 @@ impl Navigator {
         };
         self.history.push(s.time, &instant);
         self.predictor.propagate(s.time, &integrated, &velocity_ned);
-        self.height.predict(dt, -acceleration.z);
+        let load = self.settings.height.accel_load_noise * acceleration.norm();
+        self.height.predict(dt, -acceleration.z, load);
+        self.feel_ground(dt);
+        self.glide_height(dt);
         self.look_for_rest(s);
         self.feel_drag(s, dt);
         self.lead_observer(s.time);

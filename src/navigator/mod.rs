@@ -16,6 +16,7 @@ pub mod event;
 mod flow;
 mod gnss;
 mod heading;
+mod height;
 pub mod history;
 mod inertial;
 mod kalman;
@@ -44,6 +45,7 @@ use budget::ErrorBudget;
 use drag::{DragError, DragMean};
 use event::{Event, What};
 use flow::FlowSensor;
+use height::HeightState;
 use history::History;
 use kalman::Kalman;
 use latency::LatencyEstimator;
@@ -108,7 +110,7 @@ pub struct Navigator {
     receiver: u8,
     receiver_heard: Option<ApTime>,
     gnss_sigma_m: f64,
-    gnss_height_rejected: u32,
+    heights: HeightState,
     flows: Vec<FlowSensor>,
     patches: Gathering,
     /// Corrected flow velocity in body axes, for the velocity triad, and its time.
@@ -126,7 +128,6 @@ pub struct Navigator {
     /// The newest airspeed, and the newest that was used.
     airspeed: Option<ApTime>,
     airspeed_used: Option<ApTime>,
-    pressure: Option<(ApTime, u8)>,
     /// Height of the ground above the origin, where the rangefinder last saw it or the navigation began, m.
     ground_m: Option<f64>,
     /// Since when the rangefinder has seen the ground elsewhere, and by how much, m.
@@ -189,13 +190,13 @@ impl Navigator {
             predictor: Predictor::new(scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros()),
             scheme,
             history: History::new(HISTORY_SAMPLES),
-            height: HeightFilter::new(settings.height),
+            height: HeightFilter::new(settings.height.kind, settings.height.altimeter),
             trust: GnssTrust::new(settings.gnss.trust),
             latency: LatencyEstimator::new(settings.gnss.delay_s, settings.gnss.delay_sigma_s),
             receiver: 0,
             receiver_heard: None,
             gnss_sigma_m: settings.gnss.default_accuracy_m,
-            gnss_height_rejected: 0,
+            heights: HeightState::default(),
             flows: Vec::new(),
             patches: Gathering::new(),
             flow_body: None,
@@ -209,7 +210,6 @@ impl Navigator {
             drag_error: DragError::new(&settings.drag),
             airspeed: None,
             airspeed_used: None,
-            pressure: None,
             ground_m: None,
             ground_disputed_since: None,
             modes: ModeState::new(),
@@ -319,7 +319,7 @@ impl Navigator {
         let time = self.last_imu?;
         let (p, mut velocity_ned) = self.estimate()?;
         let mut position_ned = p + self.offset_ned;
-        if let Some(height) = self.height.height_m() {
+        if let Some(height) = self.published_height_m() {
             position_ned.z = -height;
             velocity_ned.z = -self.height.climb_mps();
         }

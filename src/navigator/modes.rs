@@ -2,12 +2,14 @@
 
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Vector2, Vector3};
 
+use crate::altimeter::HeightFilter;
 use crate::time::ApTime;
 
 use super::Navigator;
 use super::budget::ErrorBudget;
 use super::event::{What, Why};
 use super::gnss::VERTICAL_RATIO;
+use super::height::HeightState;
 use super::inertial::FLOW_AGE_S;
 use super::settings::ObserverSettings;
 use super::solution::{Carrier, Mode};
@@ -169,7 +171,9 @@ impl Navigator {
         self.state = None;
         self.last_imu = None;
         self.magnetic = None;
-        self.pressure = None;
+        // Nobody knows how high it stands.
+        self.height = HeightFilter::new(self.settings.height.kind, self.settings.height.altimeter);
+        self.heights = HeightState::default();
         self.forget_flow_times();
         self.offset_ned = Vector3::zeros();
         self.reset_counter = self.reset_counter.wrapping_add(1);
@@ -333,7 +337,9 @@ impl Navigator {
         p.fixed_view_mut::<2, 2>(0, 0).copy_from(&p_ne);
         v.fixed_view_mut::<2, 2>(0, 0).copy_from(&v_ne);
         // The height filter averages what a receiver's height is wrong by over minutes, and takes it for the barometer's offset.
-        p[(2, 2)] = self.height.height_sigma_m().powi(2) + (VERTICAL_RATIO * self.gnss_sigma_m).powi(2);
+        p[(2, 2)] = self.height.height_sigma_m().powi(2)
+            + (VERTICAL_RATIO * self.gnss_sigma_m).powi(2)
+            + self.heights.offset_m.powi(2);
         v[(2, 2)] = self.height.climb_sigma_mps().powi(2);
         (p, v)
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::altimeter::HeightSettings;
+use crate::altimeter::{AltimeterKind, AltimeterSettings};
 use crate::camera::{CalibrationSettings, CameraMount, PatchLimits, PatchTable};
 
 use crate::observer::eskf::EskfSettings;
@@ -98,6 +98,27 @@ pub struct NavigatorSettings {
     pub holdover: HoldoverSettings,
     /// The way back.
     pub rejoin: RejoinSettings,
+}
+
+/// Settings of the height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeightSettings {
+    /// Which altimeter.
+    pub kind: AltimeterKind,
+    /// The fault-tolerant altimeter.
+    pub altimeter: AltimeterSettings,
+    /// Noise density of the vertical acceleration beyond the altimeter's own, per acceleration: (m/s²/√Hz)/(m/s²).
+    pub accel_load_noise: f64,
+    /// The rangefinder is a source of heights below this height over ground, m.
+    pub range_below_m: f64,
+    /// The barometer is in the ground effect below this height over ground, m …
+    pub ground_effect_below_m: f64,
+    /// … and its offset walks by this much there, m/√s.
+    pub ground_effect_walk: f64,
+    /// Speed at which the published height glides to the estimate, m/s.
+    pub glide_mps: f64,
+    /// A longer way is jumped, and the reset counter says so, m.
+    pub jump_m: f64,
 }
 
 /// Settings of GNSS.

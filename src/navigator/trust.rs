@@ -153,6 +153,7 @@ pub struct GnssTrust {
     track: Vec<Track>,
     oldest: usize,
     run_away_ne: Vector2<f64>,
+    height_faulty: bool,
     /// Mean square of the step from fix to fix beyond the velocity's, m²: what this receiver normally shows.
     position_ms: f64,
     /// Mean square velocity innovation of good fixes, m²/s².
@@ -179,6 +180,7 @@ impl GnssTrust {
             track: Vec::with_capacity(TRACK_LEN),
             oldest: 0,
             run_away_ne: Vector2::zeros(),
+            height_faulty: false,
             position_ms: 0.25,
             velocity_ms: 0.1,
         }
@@ -234,8 +236,9 @@ impl GnssTrust {
         };
         let velocity_sigma = self.velocity_ms.sqrt().hypot(i.velocity_sigma_mps);
         let jumped = i.position_m > self.position_gate(i.position_sigma_m);
-        let surged =
-            i.velocity_mps.is_some_and(|v| v > (s.gate_sigma * velocity_sigma).max(s.min_velocity_gate_mps));
+        let surged = i.velocity_mps.is_some_and(|v| {
+            v > (s.gate_sigma * velocity_sigma).max(s.min_velocity_gate_mps) * self.caution()
+        });
         if self.trusted() && jumped {
             return Err(GnssFault::PositionJump);
         }
@@ -254,10 +257,15 @@ impl GnssTrust {
         Ok(Standing::Near)
     }
 
+    /// Factor on the limits.
+    fn caution(&self) -> f64 {
+        if self.height_faulty { 0.5 } else { 1.0 }
+    }
+
     /// What lies further off is a jump: many times what this receiver normally shows, and what the prediction may be wrong.
     fn position_gate(&self, prediction_sigma_m: f64) -> f64 {
         let sigma = self.position_ms.sqrt().hypot(prediction_sigma_m);
-        (self.settings.gate_sigma * sigma).max(self.settings.min_position_gate_m)
+        (self.settings.gate_sigma * sigma).max(self.settings.min_position_gate_m) * self.caution()
     }
 
     /// Notes that a fix passed every test. True when GNSS became trusted by it.
@@ -266,6 +274,7 @@ impl GnssTrust {
         self.last_good = Some(time);
         let needed = match (standing, self.lost_by) {
             (Standing::Far, _) => self.settings.recover_far_s,
+            _ if self.height_faulty => self.settings.recover_far_s,
             // Who lied slowly has to be watched for as long as a slow lie takes to show.
             (_, GnssFault::Inconsistent) => self.settings.recover_s.max(self.settings.consistency_window_s),
             _ => self.settings.recover_s,
@@ -306,6 +315,12 @@ impl GnssTrust {
     /// How far the positions have run away from the velocities over the window, NE, m: what a slow lie has added so far.
     pub fn run_away(&self) -> Vector2<f64> {
         self.run_away_ne
+    }
+
+    /// The height of the fixes is declared faulty, or is not any more. A receiver that is wrong about one axis is trusted less about the
+    /// others: its jumps are judged by half the limits, and it does not end an outage sooner than one that lies far away.
+    pub fn height_fault(&mut self, faulty: bool) {
+        self.height_faulty = faulty;
     }
 
     /// Forgets the track: what comes is not comparable with it (another receiver).

@@ -1,5 +1,6 @@
 //! Simulation: closed-form truth and sensors made from it. The engine behind the tests of estimators, and of `simulate`.
 
+pub mod altimeter;
 pub mod flight;
 mod hops;
 pub mod landmarks;

@@ -16,6 +16,7 @@ pub(super) enum Stream {
     Magnetometer,
     Range,
     Airspeed,
+    Altimeter,
     Landmarks,
     LandmarkMotion,
     LandmarkStart,
@@ -31,6 +32,13 @@ impl Dice {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(stream as u64);
         Self(rng)
+    }
+
+    /// The stream of one of many runs with the seed.
+    pub(super) fn of_run(seed: u64, stream: Stream, number: u32) -> Self {
+        let mut dice = Self::new(seed, stream);
+        dice.0.set_stream(stream as u64 | u64::from(number) << 32);
+        dice
     }
 
     /// A standard normal number.

@@ -2,6 +2,7 @@
 //! the formats are described in `tests/golden/README.md`.
 #![allow(dead_code, reason = "the tests and the example each use their part")]
 
+mod altimeter;
 mod flight;
 mod flow;
 mod fusini;
@@ -39,6 +40,10 @@ pub fn run_value(file: &Value, folder: &Path) -> Result<Outcome> {
         fusini::run(file)
     } else if has("/expected", "xi") && has("/inputs", "mag") {
         grip::run(file)
+    } else if has("", "z_ibi") && has("", "ibig") {
+        altimeter::run(file)
+    } else if has("", "prob_table") && has("", "ibi") {
+        altimeter::run_params(file)
     } else if has("/cases/0", "tau") {
         projection::run(file)
     } else if has("", "optical_flow_rad") || has("/cases/0", "rdot") {

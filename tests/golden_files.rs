@@ -1,4 +1,4 @@
-//! The observers, the projection and flow against independently computed files: every field of every step to its tolerance.
+//! Observers, projection, flow and altimeters against independently computed files: every field of every step to its tolerance.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // a test may fail
 
@@ -9,12 +9,21 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+fn golden_folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
+}
+
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/observers")
+    golden_folder("observers")
+}
+
+fn altimeter(name: &str) -> Value {
+    golden::read(&golden_folder("altimeter").join(format!("{name}.json"))).unwrap()
 }
 
 fn files() -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder()).unwrap().map(|e| e.unwrap().path()).collect();
+    let of = |name| std::fs::read_dir(golden_folder(name)).unwrap().map(|e| e.unwrap().path());
+    let mut files: Vec<PathBuf> = of("observers").chain(of("altimeter")).collect();
     files.sort();
     files
 }
@@ -28,7 +37,8 @@ fn every_file_is_reproduced() {
         assert!(outcome.is_ok(), "{}: {outcome}", path.display());
         formats.insert(outcome.format);
     }
-    assert_eq!(formats.into_iter().collect::<Vec<_>>(), ["flow", "fusini", "grip", "projection", "xkf"]);
+    let all = ["altimeter", "altimeter parameters", "flow", "fusini", "grip", "projection", "xkf"];
+    assert_eq!(formats.into_iter().collect::<Vec<_>>(), all);
 }
 
 /// Changes one number, in the middle of a list of rows, by as much as its size allows.
@@ -56,6 +66,68 @@ fn a_file_that_is_wrong_anywhere_is_found_out() {
         file["tol"] = json!("nothing, else 1e-7");
         assert!(!golden::run_value(&file, &folder()).unwrap().is_ok(), "{name}");
     }
+}
+
+#[test]
+fn an_altimeter_file_that_is_wrong_anywhere_is_found_out() {
+    let broken = |name: &str, pointer: &str, by: f64| {
+        let mut file = altimeter(name);
+        let number = file.pointer_mut(pointer).unwrap();
+        let value = number.as_f64().unwrap();
+        *number = json!(value + by * value.abs().max(1.0));
+        !golden::run_value(&file, &folder()).unwrap().is_ok()
+    };
+    for pointer in [
+        "/ibi/x/399/4",
+        "/ibi/P_diag/10/1",
+        "/ibi/P_full/199/2/0",
+        "/ibi/prob/250",
+        "/ibi/nu/401",
+        "/ibi/S/3",
+        "/iig/x/0/0",
+        "/iig/P_diag/599/3",
+        "/iig/P_full/0/3/3",
+        "/iig/prob/599",
+        "/iig/nu/0",
+        "/iig/S/599",
+        "/ibig/x/300",
+        "/ibig/var/300",
+    ] {
+        assert!(broken("s3_rkf", pointer, 1e-8), "{pointer}");
+        assert!(!broken("s3_rkf", pointer, 1e-10), "{pointer}");
+    }
+    for pointer in [
+        "/p0/3",
+        "/ibi/F/1/0",
+        "/ibi/GQG/4/4",
+        "/ibi/P0/0/0",
+        "/ibi/R",
+        "/iig/F/3/3",
+        "/iig/R",
+        "/ibi_ub_literal/GQG/4/4",
+        "/prob_table/20/prob",
+        "/fuse/1/x",
+        "/fuse/2/v",
+    ] {
+        assert!(broken("params", pointer, 1e-8), "{pointer}");
+    }
+    // What goes in: a measurement, a parameter, the filter.
+    assert!(broken("s0_okf", "/z_ibi/300", 1e-7) && broken("s0_okf", "/z_iig/300", 1e-7));
+    for key in ["Td", "R0", "H", "g", "beta", "beta_g", "alpha", "s_B", "s_INS", "s_GPS", "p0_h", "p0_w"] {
+        // Their sum divides 2 g Td, which is 10⁻⁶ after that.
+        let by = if matches!(key, "R0" | "H") { 100.0 } else { 1e-3 };
+        assert!(broken("params", &format!("/params/{key}"), by), "{key}");
+    }
+    // The driving noise is seen in what it leads to: its square is below any tolerance.
+    assert!(broken("params", "/params/s_az", 1e-5) && broken("params", "/params/s_g", 1e-5));
+    let changed = |name: &str, key: &str, value: Value| {
+        let mut file = altimeter(name);
+        file[key] = value;
+        !golden::run_value(&file, &folder()).unwrap().is_ok()
+    };
+    assert!(changed("s3_rkf", "mode", json!("okf")));
+    assert!(changed("s3_rkf", "variant", json!("joseph")));
+    assert!(changed("variant_joseph_s3", "tol", json!(1e-16)));
 }
 
 /// A parameter that is read but not used would let a file with another value pass.
@@ -114,6 +186,19 @@ fn a_file_that_cannot_be_run_says_why() {
         ("/expected/R", json!([[1, 2, 3]]), "9"),
     ] {
         let mut file = grip.clone();
+        *file.pointer_mut(pointer).unwrap() = value;
+        assert!(why(&file).contains(word), "{pointer}: {}", why(&file));
+    }
+    let rkf = altimeter("s3_rkf");
+    for (pointer, value, word) in [
+        ("/mode", json!("ukf"), "mode"),
+        ("/N", json!(599), "length"),
+        ("/ibi/x", json!([[1, 2, 3, 4]]), "5"),
+        ("/iig/prob", json!([1]), "iig"),
+        ("/z_ibi/4", json!(1e300), "step 4"),
+        ("/ibi/P_full", json!(1), "P_full"),
+    ] {
+        let mut file = rkf.clone();
         *file.pointer_mut(pointer).unwrap() = value;
         assert!(why(&file).contains(word), "{pointer}: {}", why(&file));
     }
