@@ -250,6 +250,11 @@ impl LandmarkFilter {
         })
     }
 
+    /// Ids of landmarks most of whose sightings are rejected of late.
+    pub fn suspects(&self) -> impl Iterator<Item = u8> + '_ {
+        self.ordered.latest().geometry.suspects()
+    }
+
     /// How the filters are.
     pub fn health(&self) -> LandmarkHealth {
         let now = self.ordered.latest();

@@ -36,6 +36,8 @@ pub(super) struct Geometry {
 const THIN: f64 = 0.05;
 /// For each landmark that is rejected as many have to agree, and two more.
 const MAJORITY: u32 = 2;
+/// More than this part of its sightings rejected, of 255.
+const SUSPECT: u8 = 127;
 /// Seconds after which a landmark that is not seen any more counts 1/e.
 const MEMORY_S: f64 = 10.0;
 
@@ -62,13 +64,18 @@ impl Geometry {
         }
     }
 
+    /// Landmarks that are mostly rejected.
+    pub(super) fn suspects(&self) -> impl Iterator<Item = u8> + '_ {
+        (0..=u8::MAX).filter(|id| self.rejected.get(usize::from(*id)).is_some_and(|part| *part > SUSPECT))
+    }
+
     /// Landmarks that are mostly rejected, and those that were used and are not.
     fn suspect_and_trusted(&self) -> (u32, u32) {
         let (mut suspect, mut trusted) = (0, 0);
         for (i, part) in self.rejected.iter().enumerate() {
             let was_used = self.ever.get(i / 64).is_some_and(|w| w >> (i % 64) & 1 == 1);
-            suspect += u32::from(*part > 127);
-            trusted += u32::from(*part <= 127 && was_used);
+            suspect += u32::from(*part > SUSPECT);
+            trusted += u32::from(*part <= SUSPECT && was_used);
         }
         (suspect, trusted)
     }

@@ -197,7 +197,7 @@ fn held(from: &Truth, to: &Truth, step_s: f64) -> (Vector3<f64>, Vector3<f64>) {
     (back * way / step_s, turn / step_s)
 }
 
-fn picture(
+pub(super) fn picture(
     truth: &Truth,
     field: &MarkerField,
     camera: &LandmarkCamera,

@@ -4,6 +4,7 @@ pub mod altimeter;
 pub mod flight;
 mod hops;
 pub mod landmarks;
+pub mod markers;
 pub mod models;
 mod noise;
 mod profile;
@@ -15,6 +16,7 @@ mod wing;
 
 pub use flight::{Reading, Samples, SensorSuite, Simulation};
 pub use landmarks::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, SeenLandmark};
+pub use markers::MarkerWatch;
 pub use noise::GaussMarkov;
 pub use scenario::Scenario;
 pub use sensors::{Environment, ImuMean, NoiseLevels, Noisy};
