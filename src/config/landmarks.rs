@@ -25,6 +25,7 @@ pub(super) struct Landmarks {
     seen_from_m: f64,
     bearing_sigma_deg: f64,
     survey_sigma_m: f64,
+    gravity_sigma_deg: f64,
     position_drift: f64,
     attitude_drift_deg: f64,
     history_s: f64,
@@ -159,6 +160,7 @@ impl Landmarks {
                 position_drift: self.position_drift,
                 attitude_drift: self.attitude_drift_deg.to_radians(),
                 history_s: self.history_s,
+                gravity_sigma_rad: self.gravity_sigma_deg.to_radians(),
                 ..seen
             },
             survey_sigma_m: self.survey_sigma_m,
@@ -189,8 +191,9 @@ mod tests {
             seen_from_m: 15.0,
             bearing_sigma_deg: 1.0,
             survey_sigma_m: 0.05,
-            position_drift: 0.05,
-            attitude_drift_deg: 0.1,
+            gravity_sigma_deg: 0.7,
+            position_drift: 0.15,
+            attitude_drift_deg: 0.02,
             history_s: 1.0,
         }
     }

@@ -29,8 +29,6 @@ const FRESH_S: f64 = 1.0;
 /// Landmarks are found when their pose counts for this long, s, and lost when it does not for as long.
 const FOUND_S: f64 = 1.0;
 const LOST_S: f64 = 2.0;
-/// Errors of one pose and the next are those of one filter: a pose tells as much as that of this long, s.
-const CORRELATION_S: f64 = 1.0;
 /// A heading is not believed better than this, rad: mounting.
 const LEAST_HEADING: f64 = 0.004;
 /// A pose further away than this many sigmas of what drift and landmarks may be off by …
@@ -88,6 +86,14 @@ impl Standing {
         }
         turned.map_or(0.0, |t| now.seconds_since(t))
     }
+}
+
+/// The variance of one of many poses of one filter. It forgets in τ = P/drift², its errors are correlated for as long, and the mean of
+/// them is as good as that of independent ones with the variance 2τ/T P. Without that the filter that is corrected is faster than the one
+/// that corrects it, and as it carries that one, both oscillate.
+fn repeated(variance: f64, drift: f64) -> f64 {
+    let forgets_s = variance / (drift * drift);
+    variance * (2.0 * forgets_s / PERIOD_S).max(1.0)
 }
 
 impl Navigator {
@@ -282,19 +288,20 @@ impl Navigator {
     /// Position and heading to the filter.
     fn fuse_landmark_fix(&mut self, now: ApTime, e: &Vector2<f64>, fix: &Fix) {
         let Some(kalman) = &mut self.kalman else { return };
-        let correlated = CORRELATION_S / PERIOD_S;
+        let Some(filter) = self.landmarks.as_ref().map(|s| s.setup.filter) else { return };
         let turn = so3::log(&(fix.r_body_to_ned * kalman.filter.state().r_body_to_ned.transpose())).z;
         let before = kalman.filter.state().position_ned;
         let mut corrections = [None; 3];
         for axis in 0..2 {
             // Of the second the first has taken its part.
             let taken = kalman.filter.state().position_ned[axis] - before[axis];
-            let variance = fix.covariance[(axis, axis)] * correlated;
+            let variance = repeated(fix.covariance[(axis, axis)], filter.position_drift);
             let fused = kalman.filter.fuse_position(axis, e[axis] - taken, variance, &Lag::NONE);
             corrections[axis] = self.nis.note(Measured::LandmarkPosition, fused, |c| c.nis);
         }
         if corrections.iter().take(2).all(Option::is_some) {
-            let fused = kalman.filter.fuse_heading(turn, fix.heading_variance * correlated);
+            let fused =
+                kalman.filter.fuse_heading(turn, repeated(fix.heading_variance, filter.attitude_drift));
             corrections[2] = self.nis.note(Measured::LandmarkHeading, fused, |c| c.nis);
             self.landmark_fixed(now);
         } else {
