@@ -39,6 +39,9 @@ const BELIEVED_S: f64 = 10.0;
 const LOCKED_OUT_S: f64 = 3.0;
 /// A correction beyond this is no tracking any more, and glides, m.
 const SHOWN_AT_ONCE_M: f64 = 0.1;
+/// An observer's velocity is off by this much in manoeuvres, m/s: more than the drift that is configured, and the landmarks' filter, which
+/// it carries, lags by as much in the time that it forgets in.
+const OBSERVED_SPEED_SIGMA: f64 = 0.5;
 /// Landmarks and GNSS contradict each other when they are this many sigmas apart, and this far, m, …
 const APART_SIGMA: f64 = 3.0;
 const APART_M: f64 = 2.0;
@@ -325,7 +328,10 @@ impl Navigator {
             kalman.filter.reset_position(&position, fix.covariance.trace().max(0.0).sqrt());
         } else {
             self.move_estimate(&shift);
-            let anchor = Matrix2::identity() * fix.anchor_sigma_m.powi(2);
+            let drift = self.landmarks.as_ref().map_or(f64::INFINITY, |s| s.setup.filter.position_drift);
+            let forgets_s = fix.covariance.trace() * 0.5 / (drift * drift);
+            let lag = OBSERVED_SPEED_SIGMA * (forgets_s + PERIOD_S);
+            let anchor = Matrix2::identity() * (fix.anchor_sigma_m.powi(2) + lag.powi(2));
             let calibration = *self.carrying_calibration().covariance();
             let budget = self.settings.holdover.budget;
             self.budget = Some(ErrorBudget::new(budget, fix.covariance + anchor, calibration));
