@@ -20,7 +20,9 @@ use holdover::navigator::solution::{Carrier, Mode};
 use holdover::navigator::verdict::Reason;
 use holdover::sample::{LandmarkSample, Sample, SampleKind, Sighting, VehicleStatus};
 use holdover::sim::models::ImuModel;
-use holdover::sim::{LandmarkCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth};
+use holdover::sim::{
+    LandmarkCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth,
+};
 use holdover::time::{ApTime, Span};
 use nalgebra::{Matrix3, Vector3};
 
@@ -123,12 +125,22 @@ impl Flight {
     }
 
     fn rejected(&self, wanted: Reason) -> u64 {
-        self.navigator.tally().rejected(SampleKind::Landmark).filter(|(r, _)| *r == wanted).map(|(_, n)| n).sum()
+        self.navigator
+            .tally()
+            .rejected(SampleKind::Landmark)
+            .filter(|(r, _)| *r == wanted)
+            .map(|(_, n)| n)
+            .sum()
     }
 
     /// Landmarks carried, and as well as they should.
     fn assert_carried(&self, error_m: f64) {
-        assert!(self.on_landmarks_s > 0.95 * (END_S - TAKEN_OVER_S), "{} s: {:?}", self.on_landmarks_s, self.events);
+        assert!(
+            self.on_landmarks_s > 0.95 * (END_S - TAKEN_OVER_S),
+            "{} s: {:?}",
+            self.on_landmarks_s,
+            self.events
+        );
         assert!(self.error_m < error_m, "{} m: {:?}", self.error_m, self.events);
         assert!(self.over_sigma < 3.0, "{} sigma", self.over_sigma);
     }
@@ -212,7 +224,9 @@ fn unchanged(_: f64, s: LandmarkSample, out: &mut Vec<LandmarkSample>) {
 fn landmarks_take_the_drift_out() {
     let with = fly(Some(surveyed()), &[], unchanged);
     with.assert_carried(0.3);
-    assert!(with.told(|w| *w == What::LandmarksFound) && with.told(|w| *w == What::Carried(Carrier::Landmarks)));
+    assert!(
+        with.told(|w| *w == What::LandmarksFound) && with.told(|w| *w == What::Carried(Carrier::Landmarks))
+    );
     assert!(with.sigma_m < 0.3 && with.yaw_error < 0.02, "{} m, {} rad", with.sigma_m, with.yaw_error);
     assert_eq!(with.resets, 0);
     // The glide, one fix and what the filter corrects besides.
@@ -220,12 +234,19 @@ fn landmarks_take_the_drift_out() {
     let without = fly(None, &[], unchanged);
     assert!(without.error_m > 5.0 * with.error_m, "{} and {} m", without.error_m, with.error_m);
     assert!(without.sigma_m > 5.0 * with.sigma_m && without.on_landmarks_s == 0.0);
-    assert_eq!(without.rejected(Reason::NotUsed), field().steps.iter().map(|s| s.seen.len() as u64).sum::<u64>());
+    assert_eq!(
+        without.rejected(Reason::NotUsed),
+        field().steps.iter().map(|s| s.seen.len() as u64).sum::<u64>()
+    );
 }
 
 #[test]
 fn landmarks_that_come_into_view_late_take_a_long_drift_out_without_a_jump() {
-    let late = |t: f64, s, out: &mut Vec<_>| if t < 30.0 || t > 190.0 { out.push(s) };
+    let late = |t: f64, s, out: &mut Vec<_>| {
+        if t < 30.0 || t > 190.0 {
+            out.push(s)
+        }
+    };
     let blind = ["flow.use=false", "drag.use=false", "holdover.max_coast_s=200", "holdover.max_sigma_m=5000"];
     let worst = |f: &Flight| (f.error_m, f.over_sigma, f.sigma_m, f.resets, f.step_m);
     // A way that has to be a jump is announced.
@@ -247,7 +268,12 @@ fn landmarks_that_come_into_view_late_take_a_long_drift_out_without_a_jump() {
 fn every_estimator_gains_and_claims_no_more_than_it_has() {
     for estimator in ["nlo", "xkf", "ekf15"] {
         let f = fly(Some(surveyed()), &[&format!("observer.estimator={estimator}")], unchanged);
-        assert!(f.error_m < 1.0 && f.over_sigma < 3.5, "{estimator}: {} m, {} sigma", f.error_m, f.over_sigma);
+        assert!(
+            f.error_m < 1.0 && f.over_sigma < 3.5,
+            "{estimator}: {} m, {} sigma",
+            f.error_m,
+            f.over_sigma
+        );
     }
     let f = fly(Some(surveyed()), &["observer.estimator=inertial"], unchanged);
     assert_eq!(f.on_landmarks_s, 0.0);
@@ -337,12 +363,19 @@ fn swapped_ids_and_a_misplaced_landmark_are_told_and_left_out() {
     let (a, b) = (near(Vector3::new(20.0, 3.0, 0.0)), near(Vector3::new(3.0, 20.0, 0.0)));
     assert_ne!(a, b);
     let swapped = fly(Some(surveyed()), &[], |_, s, out| {
-        let id = if s.id == a { b } else if s.id == b { a } else { s.id };
+        let id = if s.id == a {
+            b
+        } else if s.id == b {
+            a
+        } else {
+            s.id
+        };
         out.push(LandmarkSample { id, ..s });
     });
     swapped.assert_carried(0.5);
     assert!(swapped.told(|w| matches!(w, What::LandmarkContradicts(id) if [a, b].contains(id))));
-    let wrong = |(id, p): &(u8, Vector3<f64>)| (*id, if *id == a { p + Vector3::new(4.0, -3.0, 0.0) } else { *p });
+    let wrong =
+        |(id, p): &(u8, Vector3<f64>)| (*id, if *id == a { p + Vector3::new(4.0, -3.0, 0.0) } else { *p });
     let misplaced = fly(Some(setup(markers.iter().map(wrong))), &[], unchanged);
     misplaced.assert_carried(0.5);
     assert!(misplaced.told(|w| *w == What::LandmarkContradicts(a)), "{:?}", misplaced.events);
@@ -395,4 +428,35 @@ fn the_camera_may_tell_positions_and_look_anywhere() {
     });
     f.assert_carried(0.3);
     assert!(f.rejected(Reason::OutOfRange) > 1000, "the second camera does not see all of them");
+}
+
+#[test]
+fn nothing_allocates_while_landmarks_are_seen() {
+    let mut settings = Settings::load(&Sources::default()).unwrap().pipeline.navigator;
+    settings.landmarks = Some(Arc::new(surveyed()));
+    let mut navigator = Navigator::new(settings);
+    navigator.set_origin(Simulation::ap_time(0.0), field().origin);
+    let mut counted = [0; 2];
+    for step in field().steps.iter().take_while(|s| s.t_s < 180.0) {
+        navigator.set_status(step.status);
+        let seen = step.seen.iter().map(|seen| {
+            let sighting = Sighting::Bearing { angle_xy: seen.angle_xy, distance_m: None };
+            let time = Simulation::ap_time(seen.taken_s);
+            Sample::Landmark(LandmarkSample { time, camera: COMPONENT, id: seen.id, sighting })
+        });
+        let heard =
+            step.samples.iter().copied().filter(|s| step.t_s < LOST_S || s.kind() != SampleKind::Gnss);
+        for sample in heard.chain(seen) {
+            let allocations = allocation_counter::measure(|| {
+                navigator.ingest(&sample);
+            });
+            // Found, and then for a while on landmarks.
+            if (60.0..LOST_S).contains(&step.t_s) || step.t_s > TAKEN_OVER_S {
+                assert_eq!(allocations.count_total, 0, "{} s: {sample:?}", step.t_s);
+                counted[usize::from(step.t_s > LOST_S)] += u32::from(sample.kind() == SampleKind::Landmark);
+            }
+        }
+        navigator.drain_events().for_each(drop);
+    }
+    assert!(counted.iter().all(|n| *n > 2000), "{counted:?}");
 }
