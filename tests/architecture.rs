@@ -50,6 +50,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     (
         "daemon",
         &[
+            "altimeter",
             "config",
             "geo",
             "metrics",
@@ -66,6 +67,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
+            "altimeter",
             "config",
             "daemon",
             "geo",

@@ -1,5 +1,7 @@
 //! What can be wrong with a height channel, and what is told about it.
 
+use std::fmt;
+
 use super::joint::Channel;
 
 /// What is wrong.
@@ -11,6 +13,11 @@ pub enum Fault {
         size_m: f64,
         /// How well that is known (1 sigma), m.
         sigma_m: f64,
+    },
+    /// It has run away slowly.
+    Drift {
+        /// By how much, m.
+        size_m: f64,
     },
     /// Its noise has grown.
     Noise {
@@ -33,6 +40,26 @@ pub enum Health {
         /// Since how long, s: from the estimated onset on.
         for_s: f64,
     },
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Fault::Bias { size_m, .. } => write!(f, "off by {size_m:+.1} m"),
+            Fault::Drift { size_m } => write!(f, "has drifted by {size_m:+.1} m"),
+            Fault::Noise { variance_factor } => write!(f, "noise x{:.1}", variance_factor.sqrt()),
+        }
+    }
+}
+
+impl fmt::Display for Health {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Health::Unheard => write!(f, "not heard"),
+            Health::Healthy => write!(f, "healthy"),
+            Health::Faulty { fault, for_s } => write!(f, "{fault} for {for_s:.1} s"),
+        }
+    }
 }
 
 impl Health {

@@ -39,7 +39,7 @@ impl FlownAltimeter {
     /// Height above the origin, m, once a source has given it.
     pub fn height_m(&self) -> Option<f64> {
         let error = self.altimeter.estimate(Scheme::Ibig).delta_h_m + self.pending_s * self.speed_error();
-        self.started.then(|| self.inertial.0 - error)
+        self.started.then_some(self.inertial.0 - error)
     }
 
     /// Climb rate, m/s: by the channel that knows the height better.
@@ -66,6 +66,13 @@ impl FlownAltimeter {
     /// Pressure altitude less height as it was at the start, m.
     pub fn baro_offset_m(&self) -> Option<f64> {
         self.baro_zero_m
+    }
+
+    /// What comes on a channel is another sensor's from now on: the barometer's height is counted anew.
+    pub fn another(&mut self, channel: Channel) {
+        if channel == Channel::Baro {
+            self.baro_zero_m = None;
+        }
     }
 
     /// The origin has moved up by `up_m`: heights above it become smaller.

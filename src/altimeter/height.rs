@@ -95,6 +95,14 @@ impl HeightFilter {
         }
     }
 
+    /// What comes on a channel is another sensor's from now on.
+    pub fn another(&mut self, channel: Channel) {
+        match self {
+            Self::Tolerant(f) => f.another(channel),
+            Self::Published(f) => f.another(channel),
+        }
+    }
+
     /// A channel's offset may change faster for now: it walks by `walk` m/√s over `dt` seconds.
     pub fn loosen(&mut self, channel: Channel, walk: f64, dt: f64) {
         if let Self::Tolerant(f) = self {
@@ -107,6 +115,15 @@ impl HeightFilter {
         match self {
             Self::Tolerant(f) => f.health(channel),
             Self::Published(_) => Health::Unheard,
+        }
+    }
+
+    /// How far a channel's height, m, lies from what is expected of it, in standard deviations, without using it; the published
+    /// altimeters do not say.
+    pub fn disagreement(&self, channel: Channel, height_m: f64, sigma_m: f64) -> Option<f64> {
+        match self {
+            Self::Tolerant(f) => f.disagreement(channel, height_m, sigma_m),
+            Self::Published(_) => None,
         }
     }
 

@@ -186,6 +186,14 @@ impl Joint {
         for row in rows.data.0.iter_mut() {
             phi.apply(row);
         }
+        // Updates keep what rounding makes of the symmetry, and the prediction lets it grow.
+        for i in 1..STATES {
+            for j in 0..i {
+                let mean = 0.5 * (rows[(i, j)] + rows[(j, i)]);
+                rows[(i, j)] = mean;
+                rows[(j, i)] = mean;
+            }
+        }
         self.p = rows;
         let dt = phi.dt;
         let q = self.inertial.accel_noise * self.inertial.accel_noise + noise;

@@ -4,10 +4,13 @@
 //! integrated baro-inertial-GPS altimeter", over the error model in [`model`].
 
 pub mod atmosphere;
+mod declared;
+mod drift;
 mod fault;
 pub mod flown;
 pub mod height;
 pub mod ibig;
+mod isolation;
 mod joint;
 pub mod model;
 mod noise;

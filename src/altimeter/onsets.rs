@@ -74,6 +74,12 @@ impl Onset {
         }
     }
 
+    /// Whether a channel was heard and can be faulty: the ground may be anywhere, that is no fault of the rangefinder, but it has its say
+    /// about the others.
+    pub(super) fn may_jump(&self, s: usize) -> bool {
+        self.count[s] > 0 && s != Channel::Range.index()
+    }
+
     /// C of two jumps, the channels weighted.
     fn information(&self, s: usize, t: usize, weights: &[f64; 4]) -> f64 {
         (0..4).map(|c| weights[c] * self.information[c][s][t]).sum()
@@ -113,6 +119,29 @@ impl Onset {
         })
     }
 
+    /// The log-likelihood ratios of the likeliest single jump and of the likeliest two, where no channel's noise can have grown enough
+    /// to be worth `noise_cost`; `None` where it can. What explains the innovations is almost never asked for more than this.
+    pub(super) fn quiet_ratios(&self, noise_cost: f64, inertial_mps: f64) -> Option<[f64; 2]> {
+        for c in 0..4 {
+            // Of noise(): ln x ≥ 2 (x − 1)/(x + 1) for x ≥ 1.
+            let (n, over) = (f64::from(self.count[c]), self.square[c] - f64::from(self.count[c]));
+            if over > 0.0 && 0.5 * over * over > noise_cost * (self.square[c] + n) {
+                return None;
+            }
+        }
+        let even = [1.0; 4];
+        let ratio = |fit: Option<Fit>| fit.map_or(f64::NEG_INFINITY, |f| f.ratio);
+        let larger = |a: f64, b: f64| if b > a { b } else { a };
+        let mut most = [ratio(self.inertial(inertial_mps, &even)), f64::NEG_INFINITY];
+        for s in (0..4).filter(|s| self.may_jump(*s)) {
+            most[0] = larger(most[0], ratio(self.single(s, &even)));
+            for t in (s + 1..4).filter(|t| self.may_jump(*t)) {
+                most[1] = larger(most[1], ratio(self.pair(s, t, &even)));
+            }
+        }
+        Some(most)
+    }
+
     /// The hypothesis that `s` and a later `t` jumped.
     pub(super) fn pair(&self, s: usize, t: usize, weights: &[f64; 4]) -> Option<Fit> {
         let a = self.information(s, s, weights);
@@ -145,8 +174,9 @@ impl Onset {
 /// The bank.
 #[derive(Clone, Debug)]
 pub(super) struct Onsets {
-    /// Oldest first.
     onsets: [Onset; ONSETS],
+    /// Places of the onsets, oldest first, then the free ones: an onset is large and stays where it is.
+    order: [u8; ONSETS],
     len: usize,
     /// The onset that explains best so far: it is not thinned out.
     kept_s: f64,
@@ -160,7 +190,8 @@ const OUTLIER: f64 = 16.0;
 impl Onsets {
     /// Onsets at least `spacing_s` apart, no older than `window_s`.
     pub(super) fn new(spacing_s: f64, window_s: f64) -> Self {
-        Self { onsets: [Onset::new(0.0); ONSETS], len: 0, kept_s: f64::NAN, spacing_s, window_s }
+        let order = std::array::from_fn(|i| i as u8);
+        Self { onsets: [Onset::new(0.0); ONSETS], order, len: 0, kept_s: f64::NAN, spacing_s, window_s }
     }
 
     pub(super) fn clear(&mut self) {
@@ -172,13 +203,19 @@ impl Onsets {
         self.kept_s = time_s;
     }
 
+    /// Oldest first.
     pub(super) fn iter(&self) -> impl Iterator<Item = &Onset> {
-        self.onsets.iter().take(self.len)
+        self.order.iter().take(self.len).filter_map(|place| self.onsets.get(usize::from(*place)))
+    }
+
+    fn time_s(&self, i: usize) -> f64 {
+        self.onsets[usize::from(self.order[i])].time_s
     }
 
     /// Time goes on.
     pub(super) fn predict(&mut self, phi: &Transition, in_use: [bool; JUMPS]) {
-        for onset in self.onsets.iter_mut().take(self.len) {
+        for place in self.order.iter().take(self.len) {
+            let onset = &mut self.onsets[usize::from(*place)];
             for (effect, _) in onset.effect.iter_mut().zip(in_use).filter(|(_, used)| *used) {
                 phi.apply(effect);
             }
@@ -187,17 +224,16 @@ impl Onsets {
 
     /// Opens an onset before the measurement that comes now, when the newest is old enough or when something may begin with it.
     pub(super) fn open(&mut self, now_s: f64, suspicious: bool) {
-        while self.len > 0 && now_s - self.onsets[0].time_s > self.window_s {
+        while self.len > 0 && now_s - self.time_s(0) > self.window_s {
             self.remove(0);
         }
-        let newest = self.onsets.get(self.len.wrapping_sub(1));
-        if !suspicious && newest.is_some_and(|n| now_s - n.time_s < self.spacing_s - 1e-9) {
+        if !suspicious && self.len > 0 && now_s - self.time_s(self.len - 1) < self.spacing_s - 1e-9 {
             return;
         }
         if self.len == ONSETS {
             self.thin(now_s);
         }
-        self.onsets[self.len] = Onset::new(now_s);
+        self.onsets[usize::from(self.order[self.len])] = Onset::new(now_s);
         self.len += 1;
     }
 
@@ -205,9 +241,9 @@ impl Onsets {
     fn thin(&mut self, now_s: f64) {
         let mut least = (f64::INFINITY, 1);
         for i in 1..ONSETS - DENSE {
-            let gap = self.onsets[i + 1].time_s - self.onsets[i - 1].time_s;
-            let age = now_s - self.onsets[i].time_s;
-            if gap / age < least.0 && self.onsets[i].time_s != self.kept_s {
+            let gap = self.time_s(i + 1) - self.time_s(i - 1);
+            let age = now_s - self.time_s(i);
+            if gap / age < least.0 && self.time_s(i) != self.kept_s {
                 least = (gap / age, i);
             }
         }
@@ -215,7 +251,7 @@ impl Onsets {
     }
 
     fn remove(&mut self, i: usize) {
-        self.onsets.copy_within(i + 1..self.len, i);
+        self.order[i..self.len].rotate_left(1);
         self.len -= 1;
     }
 
@@ -233,7 +269,8 @@ impl Onsets {
         let weight = 1.0 / innovation.variance;
         let scaled = innovation.value * weight;
         let square = innovation.value * scaled;
-        for onset in self.onsets.iter_mut().take(self.len) {
+        for place in self.order.iter().take(self.len) {
+            let onset = &mut self.onsets[usize::from(*place)];
             let mut response = [0.0; JUMPS];
             for s in 0..JUMPS {
                 if !in_use[s] {
@@ -247,7 +284,7 @@ impl Onsets {
                 }
                 onset.evidence[c][s] += r * scaled;
             }
-            for s in 0..JUMPS {
+            for s in (0..JUMPS).filter(|s| in_use[*s]) {
                 for t in s..JUMPS {
                     onset.information[c][s][t] += response[s] * response[t] * weight;
                 }

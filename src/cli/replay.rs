@@ -8,6 +8,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
+use crate::altimeter::Health;
 use crate::geo::so3::Euler;
 use crate::metrics::AidedReport;
 use crate::metrics::outage::OutageReport;
@@ -213,6 +214,12 @@ fn print_report(
     }
     let (latency, sigma) = runner.pipeline.navigator.gnss_latency_s();
     outln!("  GNSS latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
+
+    for (channel, health) in runner.pipeline.navigator.height_health() {
+        if health != Health::Unheard {
+            outln!("  {}: {health}", channel.label());
+        }
+    }
 
     print_innovations(&runner.pipeline.navigator);
 

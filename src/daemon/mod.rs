@@ -15,6 +15,7 @@ use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
+use crate::altimeter::{Channel, Health as HeightHealth};
 use crate::config::{Settings, StreamSettings};
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
@@ -379,6 +380,12 @@ impl Daemon {
         }
     }
 
+    fn faulty_heights(&self) -> Vec<(Channel, HeightHealth)> {
+        let mut health = Vec::from(self.pipeline.navigator.height_health());
+        health.retain(|(_, health)| health.is_faulty());
+        health
+    }
+
     fn summary(&self, now: Stamp<Companion>) -> Summary {
         let mut rejects = self.decoder.counters().clone();
         rejects.add(Cause::WrongSystem, self.identity.wrong_system());
@@ -398,6 +405,7 @@ impl Daemon {
         Summary {
             mode: self.pipeline.navigator.mode(),
             sigma_m: self.solution.as_ref().map(Solution::horizontal_sigma_m),
+            faulty_heights: self.faulty_heights(),
             rates_hz,
             sent: self.counts.sent,
             not_finite: self.counts.not_finite,

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::altimeter::{Channel, Health};
 use crate::navigator::solution::Mode;
 use crate::sample::SampleKind;
 use crate::time::Span;
@@ -14,6 +15,8 @@ pub struct Summary {
     pub mode: Mode,
     /// Horizontal uncertainty, m, once there is a solution.
     pub sigma_m: Option<f64>,
+    /// Sources of heights that are declared faulty.
+    pub faulty_heights: Vec<(Channel, Health)>,
     /// Samples a second since the summary before, by [`SampleKind`].
     pub rates_hz: [f64; SampleKind::ALL.len()],
     /// Position messages sent.
@@ -45,6 +48,9 @@ impl fmt::Display for Summary {
         write!(f, "{}", self.mode.label())?;
         if let Some(sigma) = self.sigma_m.filter(|_| self.mode != Mode::Aligning) {
             write!(f, " +-{sigma:.1} m")?;
+        }
+        for (channel, health) in &self.faulty_heights {
+            write!(f, "; {} {health}", channel.label())?;
         }
         write!(f, "; heard")?;
         let mut heard = false;

@@ -144,12 +144,11 @@ impl fmt::Display for What {
             What::Receiver(n) => write!(f, "using GNSS receiver {n}"),
             What::FlowTrusted(n) => write!(f, "flow {n} trusted"),
             What::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
-            What::HeightFault { channel, fault: Fault::Bias { size_m, .. }, for_s } => {
-                write!(f, "{} off by {size_m:+.1} m for {for_s:.1} s", channel.label())
+            What::HeightFault { channel, fault: fault @ Fault::Drift { .. }, .. } => {
+                write!(f, "{} {fault}", channel.label())
             }
-            What::HeightFault { channel, fault: Fault::Noise { variance_factor }, for_s } => {
-                let times = variance_factor.sqrt();
-                write!(f, "{} noise x{times:.1} for {for_s:.1} s", channel.label())
+            What::HeightFault { channel, fault, for_s } => {
+                write!(f, "{} {fault} for {for_s:.1} s", channel.label())
             }
             What::HeightHealed(channel) => write!(f, "{} healthy again", channel.label()),
             What::InertialHeight(m) => write!(f, "inertial height was off, moved by {m:+.1} m"),

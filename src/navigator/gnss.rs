@@ -11,7 +11,7 @@ use super::Navigator;
 use super::event::What;
 use super::history::CORRECTED_S;
 use super::solution::Mode;
-use super::trust::{FixInnovation, GnssFault};
+use super::trust::{FixInnovation, GnssFault, Standing};
 use super::verdict::{Reason, Verdict};
 
 /// Another receiver takes over when the one in use had no fix for this long, s.
@@ -98,7 +98,16 @@ impl Navigator {
         let (e_p, e_v) = self.fix_errors(&innovation, measured, &p, v, state.position_ned);
         let judged = (self.modes.mode() != Mode::Aligning).then(|| self.expectation(&e_p, e_v.as_ref()));
         let velocity_ne = v.map(|(north, east)| Vector2::new(north, east));
-        let standing = self.trust.judge(measured, p.xy(), velocity_ne, judged)?;
+        let sigma = s.vertical_accuracy_m.unwrap_or(
+            s.horizontal_accuracy_m.unwrap_or(self.settings.gnss.default_accuracy_m) * VERTICAL_RATIO,
+        );
+        let standing = match self.trust.judge(measured, p.xy(), velocity_ne, judged)? {
+            // A receiver that comes back at another height is not where it says.
+            Standing::Near if self.modes.dead_reckoning() && self.height_contradicts(-p.z, sigma) => {
+                Standing::Far
+            }
+            standing => standing,
+        };
         let regained = self.trust.good(now, standing);
         let claimed = s.horizontal_accuracy_m.unwrap_or(self.settings.gnss.default_accuracy_m);
         self.gnss_sigma_m += 0.1 * (claimed - self.gnss_sigma_m);
@@ -124,9 +133,14 @@ impl Navigator {
         } else {
             self.latency.interrupt();
         }
-        let sigma = s.vertical_accuracy_m.unwrap_or(claimed * VERTICAL_RATIO);
         self.take_height(now, Channel::Gnss, -p.z, Some(sigma), now.seconds_since(measured));
         Ok(())
+    }
+
+    /// Whether a GNSS height is far from the altimeter's.
+    fn height_contradicts(&self, height_m: f64, sigma_m: f64) -> bool {
+        let apart = self.height.disagreement(Channel::Gnss, height_m, sigma_m);
+        apart.is_some_and(|sigmas| sigmas.abs() > self.settings.gnss.trust.gate_sigma)
     }
 
     /// How far the fix lies from what was expected, and how well that was known.

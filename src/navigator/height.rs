@@ -8,8 +8,10 @@ use super::Navigator;
 use super::event::What;
 use super::verdict::{Reason, Verdict};
 
-/// A change of the height by one measurement beyond this is no tracking any more, and is not shown at once, m.
-const SHOWN_AT_ONCE_M: f64 = 0.2;
+/// What single measurements move the height by is shown over this time, s: enough that nothing steps, too little to lag.
+const SMOOTHED_S: f64 = 0.25;
+/// A height that a channel moves after so long a silence is a return, s.
+const SILENT_S: f64 = 1.0;
 /// A height whose distance to the estimate is below this has joined it, m.
 const JOINED_M: f64 = 1e-3;
 /// A pressure is carried to the present for this long, s.
@@ -36,8 +38,12 @@ pub(super) struct Barometer {
 /// What the navigator remembers about heights.
 #[derive(Clone, Debug, Default)]
 pub(super) struct HeightState {
-    /// Published less estimated height, m: glides to zero.
-    pub(super) offset_m: f64,
+    /// Published less estimated height, m, after a decision: glides to zero.
+    gliding_m: f64,
+    /// And what tracking has moved the height by just now, m: goes at once.
+    smoothed_m: f64,
+    /// When each channel last had a height.
+    heard: [Option<ApTime>; 4],
     pub(super) barometers: [Option<Barometer>; 2],
     /// The newest distance that was taken for a height.
     ranged: Option<ApTime>,
@@ -45,10 +51,17 @@ pub(super) struct HeightState {
     pub(super) gnss_faulty: bool,
 }
 
+impl HeightState {
+    /// Published less estimated height, m.
+    pub(super) fn offset_m(&self) -> f64 {
+        self.gliding_m + self.smoothed_m
+    }
+}
+
 impl Navigator {
     /// Height above the origin as it is published, m.
     pub(super) fn published_height_m(&self) -> Option<f64> {
-        self.height.height_m().map(|h| h + self.heights.offset_m)
+        self.height.height_m().map(|h| h + self.heights.offset_m())
     }
 
     /// A height of a channel, m, measured `age_s` ago, to the altimeter: the published height goes on without a step.
@@ -62,14 +75,17 @@ impl Navigator {
     ) -> Option<HeightVerdict> {
         let before = self.height.height_m();
         let verdict = self.height.measure(channel, height_m, sigma_m, age_s);
+        let told = self.note_height_changes(now);
+        let heard = self.heights.heard[channel.index()].replace(now);
         if let (Some(before), Some(after)) = (before, self.height.height_m()) {
-            let step = after - before;
-            if step.abs() > SHOWN_AT_ONCE_M {
-                self.heights.offset_m -= step;
+            // A decision or a return moves the height once, and it glides there; all else is tracking.
+            if told || heard.is_none_or(|t| now.seconds_since(t) > SILENT_S) {
+                self.heights.gliding_m -= after - before;
+            } else {
+                self.heights.smoothed_m -= after - before;
             }
         }
-        self.note_height_changes(now);
-        if self.heights.offset_m.abs() > self.settings.height.jump_m || !self.is_published() {
+        if self.heights.offset_m().abs() > self.settings.height.jump_m || !self.is_published() {
             self.reset_height(now);
         }
         verdict
@@ -82,7 +98,8 @@ impl Navigator {
 
     /// The published height jumps to the estimate.
     fn reset_height(&mut self, now: ApTime) {
-        let jump = std::mem::take(&mut self.heights.offset_m);
+        let jump = self.heights.offset_m();
+        (self.heights.gliding_m, self.heights.smoothed_m) = (0.0, 0.0);
         if self.is_published() && jump != 0.0 {
             self.reset_counter = self.reset_counter.wrapping_add(1);
             self.tell(now, What::HeightReset(-jump));
@@ -91,14 +108,17 @@ impl Navigator {
 
     /// The published height glides to the estimate.
     pub(super) fn glide_height(&mut self, dt: f64) {
-        let away = self.heights.offset_m.abs();
-        if away > 0.0 {
-            let left = (away - self.settings.height.glide_mps * dt).max(0.0);
-            self.heights.offset_m = if left < JOINED_M { 0.0 } else { left.copysign(self.heights.offset_m) };
+        self.heights.smoothed_m *= (1.0 - dt / SMOOTHED_S).max(0.0);
+        let away = self.heights.gliding_m;
+        if away != 0.0 {
+            let left = (away.abs() - self.settings.height.glide_mps * dt).max(0.0);
+            self.heights.gliding_m = if left < JOINED_M { 0.0 } else { left.copysign(away) };
         }
     }
 
-    fn note_height_changes(&mut self, now: ApTime) {
+    /// Tells what changed. True when something did.
+    fn note_height_changes(&mut self, now: ApTime) -> bool {
+        let mut told = false;
         while let Some(change) = self.height.next_change() {
             let what = match change {
                 Change::Faulty { channel, fault, for_s, .. } => What::HeightFault { channel, fault, for_s },
@@ -106,12 +126,14 @@ impl Navigator {
                 Change::InertialAstray { height_step_m } => What::InertialHeight(height_step_m),
             };
             self.tell(now, what);
+            told = true;
         }
         let faulty = self.height.health(Channel::Gnss).is_faulty();
         if faulty != self.heights.gnss_faulty {
             self.heights.gnss_faulty = faulty;
             self.trust.height_fault(faulty);
         }
+        told
     }
 
     /// What the altimeter holds of its channels.
@@ -126,21 +148,17 @@ impl Navigator {
         let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
         let Some((index, channel)) = self.barometer(s) else { return Verdict::Rejected(Reason::Redundant) };
         let height = self.height.height_m().unwrap_or_default();
-        let fresh = Barometer {
-            sensor: s.sensor,
-            heard: s.time,
-            same: (s.time, s.pressure_pa, height),
-            stuck: false,
-        };
-        let known = *self.heights.barometers[index].get_or_insert(fresh);
-        if known.sensor == s.sensor && s.time < known.heard || s.time == known.heard && known.same.0 < s.time
-        {
+        let known = self.heights.barometers[index].filter(|b| b.sensor == s.sensor);
+        if known.is_some_and(|b| s.time <= b.heard) {
             return Verdict::Rejected(Reason::OutOfOrder);
         }
         if self.is_late(s.time, LATE_PRESSURE_S) {
             return Verdict::Rejected(Reason::Late);
         }
-        let barometer = if known.sensor == s.sensor { known.told(s, height) } else { fresh };
+        if known.is_none() && self.heights.barometers[index].is_some() {
+            self.height.another(channel);
+        }
+        let barometer = known.map_or_else(|| Barometer::new(s, height), |b| b.told(s, height));
         self.heights.barometers[index] = Some(barometer);
         if barometer.stuck {
             return Verdict::Rejected(Reason::Stuck);
@@ -193,6 +211,10 @@ impl Navigator {
 }
 
 impl Barometer {
+    fn new(s: &PressureSample, height_m: f64) -> Self {
+        Self { sensor: s.sensor, heard: s.time, same: (s.time, s.pressure_pa, height_m), stuck: false }
+    }
+
     /// With a sample that was just heard.
     fn told(self, s: &PressureSample, height_m: f64) -> Self {
         let (since, pressure, then_m) = self.same;

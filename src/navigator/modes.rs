@@ -339,7 +339,7 @@ impl Navigator {
         // The height filter averages what a receiver's height is wrong by over minutes, and takes it for the barometer's offset.
         p[(2, 2)] = self.height.height_sigma_m().powi(2)
             + (VERTICAL_RATIO * self.gnss_sigma_m).powi(2)
-            + self.heights.offset_m.powi(2);
+            + self.heights.offset_m().powi(2);
         v[(2, 2)] = self.height.climb_sigma_mps().powi(2);
         (p, v)
     }

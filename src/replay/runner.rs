@@ -110,6 +110,11 @@ impl Runner {
         self.solution.as_ref()
     }
 
+    /// What was told so far, with its time in seconds since the first sample.
+    pub fn events(&self) -> &[(f64, Event)] {
+        &self.events
+    }
+
     /// Adds an outage on the way (its start must lie ahead of what was taken).
     pub fn add_outage(&mut self, start_s: f64, end_s: f64) {
         let outage = OutageScore::new(start_s, end_s);

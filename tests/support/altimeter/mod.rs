@@ -129,7 +129,7 @@ impl<F: JointFilter> Contestant for Joint<F> {
 /// The direct form of the same problem: without any acceleration the height is −ΔH, and what the channels measure of it is −z.
 impl JointFilter for Altimeter {
     fn step(&mut self, step: &AltimeterStep) -> JointSaid {
-        self.predict(STEP_S, 0.0);
+        self.predict(STEP_S, 0.0, 0.0);
         let channels = [(Channel::Baro, step.z_ibi), (Channel::Gnss, step.z_iig)];
         let weights = channels.map(|(channel, z)| {
             z.map(|z| match self.measure(channel, -z, None, 0.0) {
