@@ -243,7 +243,7 @@ fn landmarks_take_the_drift_out() {
 #[test]
 fn landmarks_that_come_into_view_late_take_a_long_drift_out_without_a_jump() {
     let late = |t: f64, s, out: &mut Vec<_>| {
-        if t < 30.0 || t > 190.0 {
+        if !(30.0..=190.0).contains(&t) {
             out.push(s)
         }
     };
