@@ -109,8 +109,8 @@ mod tests {
             let t = 0.2 * k as f64;
             (Vector3::new(20.0 * t.sin(), 10.0 * t.cos(), -20.0), so3::exp(&Vector3::new(0.05, -0.1, t)))
         };
-        for k in 0..101 {
-            assert!(k < 100 || relation.known().is_some());
+        for k in 0..111 {
+            assert!(k < 110 || relation.known().is_some());
             let (p, r) = pose(k);
             let (ned, attitude) = (truth.0 + truth.1 * p, truth.1 * r);
             relation.learn(0.2, (&ned, &attitude), (&p, &r), 1e-4);
