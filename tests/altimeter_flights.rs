@@ -26,7 +26,7 @@ const PX4_LOSS: &str = "px4-quad-gps-loss";
 /// The first sample of the flight with barometer faults comes so long after its first frame, from which its events count, s.
 const FIRST_SAMPLE_S: f64 = 1.9;
 /// The published height does not move by more than this between two IMU samples beyond its climb, m.
-const STEP_M: f64 = 0.25;
+const STEP_M: f64 = 0.1;
 
 fn flown(name: &str, filter: &str, change: impl FnMut(f64, Item, &mut Vec<Item>)) -> heights::Watch {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sitl-logs").join(format!("{name}.tlog"));

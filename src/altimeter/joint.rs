@@ -255,3 +255,6 @@ impl Joint {
         self.p[(state, state)].max(0.0).sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -53,3 +53,6 @@ impl GrownNoise {
         over
     }
 }
+
+#[cfg(test)]
+mod tests;

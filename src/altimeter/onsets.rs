@@ -295,3 +295,6 @@ impl Onsets {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
