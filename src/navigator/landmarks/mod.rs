@@ -1,5 +1,5 @@
 //! Known landmarks in the navigator: the filter of [`crate::landmark`] is carried by the navigator's own motion and fed with sightings;
-//! [`fix`] says what its pose is used for.
+//! `fix` says what its pose is used for.
 //!
 //! The pose is judged by the landmarks alone: the filter takes velocity, rate and tilt from the navigator, never its position. So an error
 //! of the position is not fed back into what is to correct it.
