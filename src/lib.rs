@@ -6,6 +6,7 @@ pub mod cli;
 pub mod config;
 pub mod daemon;
 pub mod geo;
+pub mod landmark;
 pub mod metrics;
 pub mod navigator;
 pub mod observer;

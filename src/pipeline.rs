@@ -13,7 +13,7 @@ use crate::wire::decode::{Dialect, Item};
 use crate::wire::protocol::identity::{AutopilotKind, Vehicle};
 
 /// Settings of one vehicle's navigation and output.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PipelineSettings {
     /// Navigator.
     pub navigator: NavigatorSettings,
@@ -41,7 +41,7 @@ impl Pipeline {
     /// A pipeline that has heard nothing.
     pub fn new(settings: &PipelineSettings) -> Self {
         Self {
-            navigator: Navigator::new(settings.navigator),
+            navigator: Navigator::new(settings.navigator.clone()),
             outbound: Outbound::new(settings.outbound),
             profile: settings.profile,
             samples: 0,

@@ -255,6 +255,8 @@ pub struct AirspeedSample {
 pub struct LandmarkSample {
     /// When the picture was taken.
     pub time: ApTime,
+    /// Which camera: the component that tells of it.
+    pub camera: u8,
     /// Which landmark (`target_num`).
     pub id: u8,
     /// What was seen.
@@ -264,20 +266,15 @@ pub struct LandmarkSample {
 /// A bearing, or a position relative to the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sighting {
-    /// Angles from the optical axis about the camera's x and y, rad, and the distance if known, m.
+    /// Angles from the optical axis along the image's x (right) and y (down), rad, and the distance if known, m.
     Bearing {
         /// Offsets from the centre of the image, rad.
         angle_xy: [f64; 2],
         /// Distance to the landmark, m.
         distance_m: Option<f64>,
     },
-    /// Position of the landmark relative to the vehicle in the given MAVLink frame, m.
-    Relative {
-        /// Position, m.
-        position: Vector3<f64>,
-        /// `MAV_FRAME` of it.
-        frame: u8,
-    },
+    /// Position of the landmark relative to the vehicle, body FRD, m.
+    Body(Vector3<f64>),
 }
 
 impl Sample {

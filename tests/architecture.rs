@@ -29,7 +29,18 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("record", &["sample", "time", "wire"]),
     (
         "config",
-        &["altimeter", "camera", "geo", "navigator", "observer", "outbound", "pipeline", "time", "wire"],
+        &[
+            "altimeter",
+            "camera",
+            "geo",
+            "landmark",
+            "navigator",
+            "observer",
+            "outbound",
+            "pipeline",
+            "time",
+            "wire",
+        ],
     ),
     ("status", &["config", "geo", "metrics", "navigator", "outbound", "pipeline", "sample", "time", "wire"]),
     (

@@ -117,7 +117,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
         1 => number().prop_map(move |airspeed_mps| Sample::Airspeed(AirspeedSample { time, airspeed_mps })),
         1 => number().prop_map(move |x| {
             let sighting = Sighting::Bearing { angle_xy: [x, -x], distance_m: Some(x) };
-            Sample::Landmark(LandmarkSample { time, id: 1, sighting })
+            Sample::Landmark(LandmarkSample { time, camera: 1, id: 1, sighting })
         }),
     ]
 }

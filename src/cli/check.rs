@@ -42,6 +42,14 @@ pub(super) fn show(s: &Settings) -> Result<(), Failure> {
     let profile = s.pipeline.profile.map_or("the autopilot's own".to_owned(), |p| p.to_string());
     outln!("  sends     {:?} at {} Hz, publish = {:?}, profile: {profile}", o.carriage, o.rate_hz, o.publish);
     outln!("  estimator {}", s.pipeline.navigator.estimator.label());
+    if let Some(l) = &s.pipeline.navigator.landmarks {
+        let (points, cameras) = (l.points.len(), l.cameras.len());
+        outln!(
+            "  landmarks {points}, {:?}, seen by {cameras} camera{}",
+            l.frame,
+            if cameras == 1 { "" } else { "s" }
+        );
+    }
     let h = &s.pipeline.navigator.holdover;
     outln!("  lost at   {} m of uncertainty, or {} s without velocity", h.max_sigma_m, h.max_coast_s);
     Ok(())

@@ -7,6 +7,7 @@ use clap::Args;
 use mavlink::Message;
 use serde::Serialize;
 
+use crate::navigator::landmarks::LandmarkSetup;
 use crate::replay::log::Log;
 use crate::sample::{Airframe, Reference, Sample, SampleKind};
 use crate::time::ApTime;
@@ -193,7 +194,7 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
                 count,
             })
             .collect(),
-        can: abilities(&heard, truth, airframe),
+        can: abilities(&heard, truth, airframe, settings.pipeline.navigator.landmarks.as_deref()),
         lacks: lacking(&heard, duration_s),
     };
     if args.json {
@@ -210,7 +211,12 @@ fn name_of(frame: &crate::wire::frame::Frame<'_>) -> String {
         .map_or_else(|| format!("unknown ({})", frame.message_id()), |m| m.message_name().to_owned())
 }
 
-fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool, airframe: Option<Airframe>) -> Vec<String> {
+fn abilities(
+    heard: &[u64; SampleKind::ALL.len()],
+    truth: bool,
+    airframe: Option<Airframe>,
+    landmarks: Option<&LandmarkSetup>,
+) -> Vec<String> {
     let has = |k: SampleKind| heard[k as usize] > 0;
     let mut can = Vec::new();
     can.push(match (has(SampleKind::Mag), has(SampleKind::Flow)) {
@@ -233,6 +239,15 @@ fn abilities(heard: &[u64; SampleKind::ALL.len()], truth: bool, airframe: Option
             _ => "holdover by inertial coasting only: no optical flow".to_owned(),
         },
     });
+    if has(SampleKind::Landmark) {
+        can.push(match landmarks {
+            Some(l) => format!(
+                "position in holdover from landmarks in view: {} landmarks are configured",
+                l.points.len()
+            ),
+            None => "landmarks: a position in holdover, once configured (landmarks.points)".to_owned(),
+        });
+    }
     if !has(SampleKind::Pressure) {
         can.push("height from GNSS and inertia only: no barometer".to_owned());
     }

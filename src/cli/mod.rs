@@ -6,6 +6,7 @@ mod output;
 pub mod check;
 pub mod evaluate;
 pub mod inspect;
+mod markers;
 pub mod replay;
 pub mod run;
 pub mod simulate;

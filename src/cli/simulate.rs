@@ -10,7 +10,7 @@ use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
 use crate::sim::models::{AirspeedModel, GnssOutage, ImuModel, OutageKind, RangeModel};
-use crate::sim::{Environment, Reading, Scenario, SensorSuite, Simulation, Truth};
+use crate::sim::{Environment, MarkerWatch, Reading, Scenario, SensorSuite, Simulation, Truth};
 use crate::wire::encode_vehicle::{self, VehicleTruth};
 use crate::wire::frame::{ComponentId, SystemId};
 use crate::wire::protocol::Address;
@@ -18,6 +18,7 @@ use crate::wire::protocol::identity::AutopilotKind;
 use crate::wire::tlog_writer::TlogWriter;
 
 use super::Failure;
+use super::markers::{CAMERA, MarkerArgs, sighting, to_toml};
 use super::replay::parse_interval;
 
 /// Grades of IMU.
@@ -41,7 +42,7 @@ pub enum Dialect {
 /// Arguments of `simulate`.
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// What is flown: cessna, circles, legs, straight or square
+    /// What is flown: cessna, circles, legs, straight, square or patrol
     pub scenario: String,
     /// The log to write (.tlog)
     #[arg(long, value_name = "FILE")]
@@ -73,6 +74,9 @@ pub struct SimulateArgs {
     /// Carry no optical flow
     #[arg(long)]
     pub no_flow: bool,
+    /// Markers
+    #[command(flatten)]
+    pub markers: MarkerArgs,
     /// Overwrite the log if it is there
     #[arg(long)]
     pub force: bool,
@@ -112,9 +116,14 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (scenario, suite) = plan(args)?;
     let summary = scenario.summary();
     let (duration_s, outage) = (scenario.duration_s, scenario.outage_s);
+    let camera = args.markers.camera(suite.imu.period_s)?;
+    let field = args.markers.field(&scenario, args.seed)?;
+    let landmarks =
+        field.as_ref().map(|field| (to_toml(field, &camera, &scenario.origin), field.markers.len()));
+    let watch = field.map(|field| MarkerWatch::new(field, camera, args.seed));
     let sink = create(&args.out, args.force)?;
     let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", args.out.display()));
-    let mut recorder = Recorder::new(Simulation::new(scenario, suite, args.seed), args.dialect, sink);
+    let mut recorder = Recorder::new(Simulation::new(scenario, suite, args.seed), watch, args.dialect, sink);
     let bar = progress_bar(duration_s);
     while let Some(t_s) = recorder.step().map_err(named)? {
         bar.set_position(t_s as u64);
@@ -129,8 +138,17 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
         recorder.log.bytes() as f64 * 1e-6,
         args.seed
     );
+    let mut config = String::new();
+    if let Some((toml, count)) = landmarks {
+        let beside = args.out.with_extension("landmarks.toml");
+        create(&beside, args.force)?.write_all(toml.as_bytes()).map_err(named)?;
+        outln!("  {}: {count} markers and the camera", beside.display());
+        config = format!(" --config {}", beside.display());
+    }
     if let (Some((from, to)), None) = (outage.filter(|o| o.0 < duration_s), args.lose_gnss) {
-        outln!("  GNSS is good throughout; take it away with: holdover replay {path} --outage {from}..{to}");
+        outln!(
+            "  GNSS is good throughout; take it away with: holdover replay {path}{config} --outage {from}..{to}"
+        );
     }
     Ok(())
 }
@@ -177,7 +195,7 @@ fn plan(args: &SimulateArgs) -> Result<(Scenario, SensorSuite), Failure> {
     Ok((scenario, suite))
 }
 
-/// Opens the log to write.
+/// Opens a file to write.
 fn create(path: &Path, force: bool) -> Result<impl Write + use<>, Failure> {
     if path.is_dir() {
         return Err(Failure::Usage(format!("{}: this is a directory; --out names the log", path.display())));
@@ -209,6 +227,7 @@ fn progress_bar(duration_s: f64) -> ProgressBar {
 /// Writes a flight as its autopilot would have sent it.
 struct Recorder<W> {
     simulation: Simulation,
+    markers: Option<MarkerWatch>,
     autopilot: AutopilotKind,
     log: TlogWriter<W>,
     steps: u64,
@@ -217,13 +236,13 @@ struct Recorder<W> {
 }
 
 impl<W: Write> Recorder<W> {
-    fn new(simulation: Simulation, dialect: Dialect, sink: W) -> Self {
+    fn new(simulation: Simulation, markers: Option<MarkerWatch>, dialect: Dialect, sink: W) -> Self {
         let autopilot = match dialect {
             Dialect::Ardupilot => AutopilotKind::ArduPilot,
             Dialect::Px4 => AutopilotKind::Px4,
         };
         let log = TlogWriter::new(sink, VEHICLE);
-        Self { simulation, autopilot, log, steps: 0, messages: Vec::with_capacity(16) }
+        Self { simulation, markers, autopilot, log, steps: 0, messages: Vec::with_capacity(16) }
     }
 
     /// Writes the messages of one IMU step, the first time those of the beginning before. Its time, s; `None` when the flight is over.
@@ -239,7 +258,19 @@ impl<W: Write> Recorder<W> {
         self.steps += 1;
         self.messages_of(&reading);
         self.write(reading.t_s)?;
+        self.pictures(&reading.truth)?;
         Ok(Some(reading.t_s))
+    }
+
+    /// What the camera tells of markers.
+    fn pictures(&mut self, truth: &Truth) -> std::io::Result<()> {
+        let Some(markers) = &mut self.markers else { return Ok(()) };
+        let samples: Vec<_> = markers.step(truth).map(|seen| sighting(&seen)).collect();
+        encode_vehicle::samples(&samples, &mut self.messages);
+        for message in self.messages.drain(..) {
+            self.log.write_from(CAMERA, unix_us(truth.t_s), &message)?;
+        }
+        Ok(())
     }
 
     /// Who and when.

@@ -4,6 +4,7 @@
 //! complaint can name the source and the key.
 
 pub mod error;
+mod landmarks;
 pub mod limits;
 mod raw;
 
@@ -166,6 +167,8 @@ fn environment(variables: &[(String, String)]) -> Environment {
         .list_separator(",")
         .with_list_parse_key("link.endpoints")
         .with_list_parse_key("flow.patches_deg")
+        .with_list_parse_key("landmarks.points")
+        .with_list_parse_key("landmarks.cameras")
         .source(Some(ours))
 }
 

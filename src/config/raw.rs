@@ -1,5 +1,7 @@
 //! The settings as they are written, and their validation into the types that the code works with.
 
+use std::sync::Arc;
+
 use serde::Deserialize;
 
 use crate::altimeter::{
@@ -10,6 +12,7 @@ use crate::geo::so3::Euler;
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::drag::DragSettings;
+use crate::navigator::landmarks::LandmarkSetup;
 use crate::navigator::settings::{
     Estimator, FlowBiasSource, FlowSettings, GnssSettings, HeightSettings, HoldoverSettings,
     NavigatorSettings, ObserverSettings, RejoinSettings,
@@ -22,6 +25,7 @@ use crate::wire::frame::SystemId;
 use nalgebra::Vector3;
 
 use super::error::{ConfigError, Problem};
+use super::landmarks::Landmarks;
 use super::{LinkSettings, PipelineSettings, Settings, StreamSettings};
 
 #[derive(Deserialize)]
@@ -37,6 +41,7 @@ pub(super) struct Raw {
     airspeed: Airspeed,
     drag: Drag,
     range: Range,
+    landmarks: Landmarks,
     height: Height,
     observer: Observer,
     kalman: Kalman,
@@ -388,6 +393,7 @@ impl Raw {
             }
         }
         let patches = patch_table(&self.flow.patches_deg, |what| complain("flow.patches_deg", what));
+        let landmarks = self.landmarks.setup(&mut complain);
         if self.link.reconnect_min_ms > self.link.reconnect_max_ms {
             complain("link.reconnect_min_ms", "is greater than link.reconnect_max_ms".into());
         }
@@ -433,11 +439,11 @@ impl Raw {
             },
             statustext: self.outbound.statustext,
             log_level: self.log.level.clone(),
-            pipeline: PipelineSettings { navigator: self.navigator(patches), outbound, profile },
+            pipeline: PipelineSettings { navigator: self.navigator(patches, landmarks), outbound, profile },
         })
     }
 
-    fn navigator(&self, patches: PatchTable) -> NavigatorSettings {
+    fn navigator(&self, patches: PatchTable, landmarks: Option<LandmarkSetup>) -> NavigatorSettings {
         let (g, o) = (&self.gnss, &self.observer);
         NavigatorSettings {
             estimator: o.estimator,
@@ -496,6 +502,7 @@ impl Raw {
                 sigma_mps2: self.drag.sigma_mps2,
                 lasting_mps2: self.drag.lasting_mps2,
             },
+            landmarks: landmarks.map(Arc::new),
             range_max_age_s: self.range.max_age_s,
             height: self.height.settings(),
             observer: ObserverSettings {

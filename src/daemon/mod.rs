@@ -25,7 +25,7 @@ use crate::time::{ApTime, Companion, Span, Stamp};
 use crate::wire::clock::ClockEvent;
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
-use crate::wire::decode::{Decoder, Item};
+use crate::wire::decode::{Decoder, Item, LANDING_TARGET};
 use crate::wire::encode::encode;
 use crate::wire::frame::{Frame, SystemId};
 use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
@@ -214,11 +214,12 @@ impl Daemon {
             self.identity_event(event);
         }
         match sender {
-            Sender::Autopilot => {}
+            Sender::Autopilot => self.conversation(&frame, at),
+            // A camera on the vehicle that sees landmarks.
+            Sender::SameSystem if frame.message_id() == LANDING_TARGET => {}
             Sender::WrongSystem => return self.stranger(&frame),
             _ => return,
         }
-        self.conversation(&frame, at);
         let mut items = std::mem::take(&mut self.items);
         self.decoder.decode(&frame, &mut items);
         let newest = self.decoder.clock().newest();

@@ -39,7 +39,10 @@ impl Weight {
             | What::FlowDistrusted(..)
             | What::HeightFault { .. }
             | What::InertialHeight(_)
-            | What::HeightReset(_) => Weight::Warning,
+            | What::HeightReset(_)
+            | What::LandmarkContradicts(_)
+            | What::LandmarksContradict { .. }
+            | What::LandmarksApart(_) => Weight::Warning,
             What::Carried(Carrier::Inertial) => Weight::Warning,
             _ => Weight::Info,
         }

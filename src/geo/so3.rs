@@ -44,6 +44,22 @@ pub fn exp(phi: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + a * s + b * (s * s)
 }
 
+/// The mean of Exp(σφ) over σ in [0, 1], the left Jacobian of SO(3): J(φ) = I + ((1 − cos θ)/θ²) S + ((θ − sin θ)/θ³) S². A body that moves
+/// at the constant body velocity v and rate ω for a time h has moved by J(ωh) v h, seen from where it started.
+pub fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
+    let t2 = phi.norm_squared();
+    let (a, b) = if t2 < 1e-4 {
+        (0.5 - t2 / 24.0 + t2 * t2 / 720.0, 1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0)
+    } else {
+        let t = t2.sqrt();
+        let half = 0.5 * t;
+        let s = half.sin() / half;
+        (0.5 * s * s, (t - t.sin()) / (t2 * t))
+    };
+    let s = hat(phi);
+    Matrix3::identity() + a * s + b * (s * s)
+}
+
 /// The rotation vector φ with |φ| ≤ π and `exp(φ) = r`, for `r` in SO(3). By way of the quaternion, so that it stays accurate
 /// near 0 and near π alike.
 pub fn log(r: &Matrix3<f64>) -> Vector3<f64> {
@@ -191,6 +207,17 @@ mod tests {
             prop_assert!((r.transpose() * r - Matrix3::identity()).norm() < 1e-14);
             prop_assert!((r.determinant() - 1.0).abs() < 1e-14);
             prop_assert!((log(&r) - phi).norm() < 1e-12);
+        }
+
+        #[test]
+        fn the_left_jacobian_is_the_mean_rotation(phi in vector(2.0), scale in 1e-6..1.0f64) {
+            let phi = scale * phi;
+            // Simpson's rule with 64 intervals.
+            let weight = |i: u32| if i == 0 || i == 64 { 1.0 } else if i % 2 == 1 { 4.0 } else { 2.0 };
+            let mean: Matrix3<f64> = (0..=64).map(|i| weight(i) / 192.0 * exp(&(f64::from(i) / 64.0 * phi))).sum();
+            prop_assert!((left_jacobian(&phi) - mean).norm() < 1e-7);
+            // S J = Exp − I holds exactly.
+            prop_assert!((hat(&phi) * left_jacobian(&phi) - (exp(&phi) - Matrix3::identity())).norm() < 1e-13);
         }
 
         #[test]

@@ -67,6 +67,25 @@ pub enum What {
     HeadingSought,
     /// Motion has shown the heading; its standard deviation, rad.
     HeadingFound(f64),
+    /// The landmarks in view give a pose.
+    LandmarksFound,
+    /// They do so no more.
+    LandmarksLost,
+    /// A landmark is not where it should be, going by the others: it is misplaced, or taken for another.
+    LandmarkContradicts(u8),
+    /// Landmarks contradict each other, and none of them has a majority.
+    LandmarksContradict {
+        /// How many are contradicted.
+        suspect: u32,
+        /// How many are not.
+        trusted: u32,
+    },
+    /// Landmarks and a GNSS that is trusted are this far apart, m: in an outage they will not be used.
+    LandmarksApart(f64),
+    /// Landmarks and GNSS agree again.
+    LandmarksAgree,
+    /// GNSS has shown how the landmarks' own frame lies; its heading, rad, and the heading's standard deviation.
+    LandmarkFrame(f64, f64),
 }
 
 /// Why a mode was taken.
@@ -84,6 +103,8 @@ pub enum Why {
     Uncertain(f64),
     /// Coasted without any velocity for too long, s.
     Coasted(f64),
+    /// Landmarks tell the position again.
+    Landmarks,
     /// The IMU was silent, s.
     ImuGap(f64),
     /// A heading that was found from motion does not fit what GNSS shows.
@@ -103,6 +124,7 @@ impl fmt::Display for Why {
             Why::Joined => write!(f, "joined GNSS"),
             Why::Uncertain(sigma) => write!(f, "uncertainty {sigma:.0} m"),
             Why::Coasted(s) => write!(f, "{s:.0} s without velocity"),
+            Why::Landmarks => write!(f, "landmarks in view"),
             Why::ImuGap(s) => write!(f, "IMU silent for {s:.1} s"),
             Why::HeadingWrong => write!(f, "heading from motion does not fit"),
             Why::Reboot => write!(f, "autopilot rebooted"),
@@ -140,6 +162,20 @@ impl fmt::Display for What {
             What::HeadingFound(sigma) => {
                 write!(f, "heading found from motion, +- {:.0} deg", sigma.to_degrees())
             }
+            What::LandmarksFound => write!(f, "landmarks found"),
+            What::LandmarksLost => write!(f, "landmarks lost"),
+            What::LandmarkContradicts(id) => write!(f, "landmark {id} contradicts the others"),
+            What::LandmarksContradict { suspect, trusted } => {
+                write!(f, "{suspect} landmarks contradict {trusted}: not used")
+            }
+            What::LandmarksApart(m) => write!(f, "landmarks contradict GNSS by {m:.1} m: not used"),
+            What::LandmarksAgree => write!(f, "landmarks and GNSS agree"),
+            What::LandmarkFrame(heading, sigma) => write!(
+                f,
+                "landmarks' frame aligned: turned by {:.1} +- {:.1} deg",
+                heading.to_degrees(),
+                sigma.to_degrees()
+            ),
         }
     }
 }

@@ -284,6 +284,7 @@ impl Navigator {
         self.feel_drag(s, dt);
         self.lead_observer(s.time);
         self.seek_heading(s, dt);
+        self.feel_landmarks(s.time, dt);
         self.modes.injection(s.time, report.injection_norm, &self.settings.observer);
         self.advance_mode(s.time, dt);
     }
@@ -326,6 +327,9 @@ impl Navigator {
         self.range = None;
         self.last_sample = None;
         self.rest = Rest::default();
+        if let Some(landmarks) = &mut self.landmarks {
+            landmarks.interrupt();
+        }
         self.drag = DragMean::default();
         self.latency.interrupt();
         let to = match self.modes.mode() {

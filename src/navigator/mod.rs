@@ -20,6 +20,7 @@ mod height;
 pub mod history;
 mod inertial;
 mod kalman;
+pub mod landmarks;
 pub mod latency;
 pub mod modes;
 pub mod nis;
@@ -48,6 +49,7 @@ use flow::FlowSensor;
 use height::HeightState;
 use history::History;
 use kalman::Kalman;
+use landmarks::LandmarkSense;
 use latency::LatencyEstimator;
 use modes::ModeState;
 use nis::NisTally;
@@ -56,7 +58,7 @@ use rest::Rest;
 use settings::{Estimator, FlowBiasSource, NavigatorSettings};
 use solution::{Carrier, Mode, Solution};
 use trust::{GnssState, GnssTrust};
-use verdict::{Reason, Tally, Verdict};
+use verdict::{Tally, Verdict};
 use xkf::SecondStage;
 
 /// How long after its last measurement an axis of the measurement signal counts as measured.
@@ -121,6 +123,8 @@ pub struct Navigator {
     range: Option<(ApTime, f64)>,
     status: VehicleStatus,
     rest: Rest,
+    /// Where landmarks are configured.
+    landmarks: Option<LandmarkSense>,
     /// It was in the air while it said that it was disarmed.
     flew_disarmed: bool,
     drag: DragMean,
@@ -205,6 +209,7 @@ impl Navigator {
             range: None,
             status: VehicleStatus::default(),
             rest: Rest::default(),
+            landmarks: settings.landmarks.clone().map(LandmarkSense::new),
             flew_disarmed: false,
             drag: DragMean::default(),
             drag_error: DragError::new(&settings.drag),
@@ -243,8 +248,7 @@ impl Navigator {
             Sample::Flow(s) => self.flow(s),
             Sample::Range(s) => self.range(s),
             Sample::Airspeed(s) => self.airspeed(s),
-            // Landmarks are shown by `inspect` and await their filter.
-            Sample::Landmark(_) => Verdict::Rejected(Reason::NotUsed),
+            Sample::Landmark(s) => self.landmark(s),
         };
         self.tally.count(sample.kind(), verdict);
         verdict
@@ -280,6 +284,9 @@ impl Navigator {
             }
             self.history.clear();
             self.trust.forget_track();
+        }
+        if let Some(landmarks) = &mut self.landmarks {
+            landmarks.origin_moved(&moved);
         }
         if moved.norm() > 0.01 {
             self.reset_counter = self.reset_counter.wrapping_add(1);
@@ -327,7 +334,7 @@ impl Navigator {
         Some(Solution {
             time,
             mode: self.modes.mode(),
-            carrier: self.carrier,
+            carrier: self.shown_carrier(time),
             position_ned,
             velocity_ned,
             r_body_to_ned: self.r_body_to_ned,

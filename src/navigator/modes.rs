@@ -234,7 +234,7 @@ impl Navigator {
             Carrier::Inertial
         };
         self.tell_carrier(now);
-        if self.carrier != Carrier::Inertial {
+        if self.shown_carrier(now) != Carrier::Inertial {
             self.modes.coasting_since = None;
         } else if let Some(budget) = &mut self.budget {
             budget.coasted(dt);
@@ -245,7 +245,7 @@ impl Navigator {
 
     /// Tells what carries, once it has done so for a while: flow comes and goes with the ground.
     fn tell_carrier(&mut self, now: ApTime) {
-        let carrier = self.carrier;
+        let carrier = self.shown_carrier(now);
         let (_, since) = *self
             .modes
             .carried
@@ -321,7 +321,7 @@ impl Navigator {
         let mut p = Matrix3::identity();
         let mut v = Matrix3::identity();
         // A receiver's error changes over minutes: no averaging takes it out, and it stays when the receiver goes.
-        let gnss = Matrix2::identity() * self.gnss_sigma_m.powi(2) + offset_covariance(&self.offset_ned);
+        let gnss = Matrix2::identity() * self.anchor_sigma_m().powi(2) + offset_covariance(&self.offset_ned);
         let (p_ne, v_ne) = match (self.modes.mode, self.filter_covariance(), &self.budget, self.last_imu) {
             (Mode::Aligning, ..) => unknown(),
             (_, Some((p, v)), ..) => {

@@ -25,11 +25,15 @@ pub enum Measured {
     Drag,
     /// Standing still.
     Standstill,
+    /// A component of the position that landmarks give.
+    LandmarkPosition,
+    /// The heading that landmarks give.
+    LandmarkHeading,
 }
 
 impl Measured {
     /// All, in the order they are shown.
-    pub const ALL: [Measured; 9] = [
+    pub const ALL: [Measured; 11] = [
         Measured::GnssPosition,
         Measured::GnssVelocity,
         Measured::Magnetometer,
@@ -39,6 +43,8 @@ impl Measured {
         Measured::Sideslip,
         Measured::Drag,
         Measured::Standstill,
+        Measured::LandmarkPosition,
+        Measured::LandmarkHeading,
     ];
 
     /// Name for tables.
@@ -53,6 +59,8 @@ impl Measured {
             Measured::Sideslip => "sideslip",
             Measured::Drag => "rotor drag",
             Measured::Standstill => "standstill",
+            Measured::LandmarkPosition => "landmark position",
+            Measured::LandmarkHeading => "landmark heading",
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Everything that can be set, in SI units. The configuration is validated into this.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use crate::altimeter::{AltimeterKind, AltimeterSettings};
@@ -10,6 +12,7 @@ use crate::observer::eskf::EskfSettings;
 use super::air::AirSettings;
 use super::budget::BudgetSettings;
 use super::drag::DragSettings;
+use super::landmarks::LandmarkSetup;
 use super::trust::TrustSettings;
 
 /// What navigates.
@@ -62,7 +65,7 @@ impl Estimator {
 }
 
 /// Settings of the navigator.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NavigatorSettings {
     /// What navigates.
     pub estimator: Estimator,
@@ -88,6 +91,8 @@ pub struct NavigatorSettings {
     pub air: AirSettings,
     /// Rotor drag.
     pub drag: DragSettings,
+    /// Known landmarks; without any no sighting is used. Shared, for settings are copied.
+    pub landmarks: Option<Arc<LandmarkSetup>>,
     /// Rangefinder samples are used for this long, s.
     pub range_max_age_s: f64,
     /// Height.

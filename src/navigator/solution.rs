@@ -39,6 +39,8 @@ impl Mode {
 pub enum Carrier {
     /// GNSS position and velocity.
     Gnss,
+    /// The position is that of known landmarks in view; what carries between them does not matter.
+    Landmarks,
     /// Optical flow and height.
     Flow,
     /// Airspeed, heading and the wind as it was last known.
@@ -56,6 +58,7 @@ impl Carrier {
     pub const fn label(self) -> &'static str {
         match self {
             Carrier::Gnss => "GNSS",
+            Carrier::Landmarks => "landmarks",
             Carrier::Flow => "optical flow",
             Carrier::Airspeed => "airspeed",
             Carrier::Drag => "rotor drag",

@@ -46,6 +46,14 @@ pub enum Reason {
     TooSlow,
     /// The sensor contradicts GNSS.
     Distrusted,
+    /// Its stamp lies further ahead than any sensor's may.
+    Early,
+    /// It was told before.
+    Duplicate,
+    /// No landmark of this id is configured.
+    UnknownLandmark,
+    /// No camera of this component is configured.
+    UnknownCamera,
     /// Of no use on this vehicle, or to this version of the navigator.
     NotUsed,
 }
@@ -72,6 +80,10 @@ impl Reason {
             Reason::Inconsistent => "patches disagree".into(),
             Reason::TooSlow => "too slow".into(),
             Reason::Distrusted => "contradicts GNSS".into(),
+            Reason::Early => "from the future".into(),
+            Reason::Duplicate => "told before".into(),
+            Reason::UnknownLandmark => "unknown landmark".into(),
+            Reason::UnknownCamera => "unknown camera".into(),
             Reason::NotUsed => "not used".into(),
         }
     }

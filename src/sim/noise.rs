@@ -17,6 +17,9 @@ pub(super) enum Stream {
     Range,
     Airspeed,
     Altimeter,
+    Landmarks,
+    LandmarkMotion,
+    LandmarkStart,
 }
 
 /// Random numbers of one sensor.

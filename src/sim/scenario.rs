@@ -19,6 +19,10 @@ const PENGUIN_MPS: f64 = 27.0;
 const PENGUIN_GNSS_S: f64 = 720.0;
 /// … and for this long, s.
 const PENGUIN_OUTAGE_S: f64 = 600.0;
+/// The patrol loses GNSS here, s …
+const PATROL_GNSS_S: f64 = 120.0;
+/// … for an hour, s.
+const PATROL_OUTAGE_S: f64 = 3600.0;
 /// Vehicles are armed for this long before they move, s.
 const ARMED_BEFORE_S: f64 = 2.0;
 /// A roll into a turn takes this long, s.
@@ -59,7 +63,7 @@ impl Trajectory for Scenario {
 
 impl Scenario {
     /// The names that [`Self::by_name`] knows.
-    pub const NAMES: [&'static str; 5] = ["cessna", "circles", "legs", "straight", "square"];
+    pub const NAMES: [&'static str; 6] = ["cessna", "circles", "legs", "straight", "square", "patrol"];
 
     /// One line that says what is flown.
     pub fn summary(&self) -> &'static str {
@@ -68,6 +72,7 @@ impl Scenario {
             "circles" => "a fixed wing at 27 m/s: manoeuvres with GNSS, then circles",
             "legs" => "a fixed wing at 27 m/s: manoeuvres with GNSS, then survey legs",
             "straight" => "a fixed wing at 27 m/s: manoeuvres with GNSS, then straight on",
+            "patrol" => "a quadrotor at 20 m: squares for an hour",
             _ => "a quadrotor: take-off, squares with hovers, landing",
         }
     }
@@ -80,6 +85,7 @@ impl Scenario {
             "legs" => Some(Self::legs()),
             "straight" => Some(Self::straight()),
             "square" => Some(Self::square()),
+            "patrol" => Some(Self::patrol()),
             _ => None,
         }
     }
@@ -147,6 +153,34 @@ impl Scenario {
             name: "square",
             motion: Motion::Rotor(hops),
             ..Self::at_the_origin(0.15, duration_s, Some((150.0, 270.0)))
+        }
+    }
+
+    /// A quadrotor that goes round a square of 40 m at 20 m over the ground, for an hour and two minutes. GNSS goes after the two minutes.
+    pub fn patrol() -> Self {
+        let (side, up) = (40.0, -20.0);
+        let mut hops = Hops::new(Vector3::zeros(), 0.0)
+            .with_drag(0.3)
+            .wait(15.0)
+            .to(Vector3::new(0.0, 0.0, up), 10.0)
+            .wait(3.0);
+        let corners = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
+        let mut k = 0;
+        while k % 4 != 0 || hops.end_s() < PATROL_GNSS_S + PATROL_OUTAGE_S {
+            let (north, east) = corners[k % 4];
+            hops = hops
+                .to(Vector3::new(north * side, east * side, up), 11.0)
+                .wait(2.0)
+                .face((k + 1) as f64 * FRAC_PI_2, 4.0)
+                .wait(1.0);
+            k += 1;
+        }
+        let hops = hops.to(Vector3::zeros(), 15.0).wait(10.0);
+        let duration_s = hops.end_s();
+        Self {
+            name: "patrol",
+            motion: Motion::Rotor(hops),
+            ..Self::at_the_origin(0.15, duration_s, Some((PATROL_GNSS_S, PATROL_GNSS_S + PATROL_OUTAGE_S)))
         }
     }
 

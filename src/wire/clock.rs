@@ -107,6 +107,19 @@ impl AutopilotClock {
         self.accept(us)
     }
 
+    /// A stamp of microseconds that another component has put on this clock: since boot or since 1970. It is believed where it is near
+    /// the newest time, and never moves the clock.
+    ///
+    /// # Errors
+    /// [`Cause::Stale`] when it is on another clock, or too old.
+    pub fn foreign_usec(&self, us: u64) -> Result<ApTime, Cause> {
+        let us = i64::try_from(us).map_err(|_| Cause::Absurd)?;
+        let offset = if us >= UNIX_EPOCH_US { self.unix_minus_boot_us.ok_or(Cause::Stale)? } else { 0 };
+        let boot_us = us - offset;
+        let near = self.newest.is_some() && self.near(boot_us);
+        near.then(|| ApTime::from_micros(boot_us.saturating_add(self.base_us))).ok_or(Cause::Stale)
+    }
+
     /// SYSTEM_TIME: what 1970 means on this clock. Zero (not known) changes nothing.
     pub fn system_time(&mut self, unix_us: u64, boot_ms: u32) {
         if let Ok(unix) = i64::try_from(unix_us)
@@ -189,6 +202,19 @@ mod tests {
         let mut clock = AutopilotClock::new();
         let a = clock.usec(21_880_000).unwrap();
         assert_eq!(clock.usec(21_885).unwrap() - a, Span::from_millis(5));
+    }
+
+    #[test]
+    fn another_components_stamp_is_read_and_moves_nothing() {
+        let mut clock = AutopilotClock::new();
+        assert_eq!(clock.foreign_usec(21_885_000), Err(Cause::Stale));
+        let a = clock.boot_ms(21_885).unwrap();
+        assert_eq!(clock.foreign_usec(21_875_000).map(|t| a - t), Ok(Span::from_millis(10)));
+        assert_eq!(clock.foreign_usec(1_790_000_021_885_000), Err(Cause::Stale));
+        clock.system_time(1_790_000_021_885_000, 21_885);
+        assert_eq!(clock.foreign_usec(1_790_000_021_885_000), Ok(a));
+        (0..10).for_each(|_| assert_eq!(clock.foreign_usec(900_000_000), Err(Cause::Stale)));
+        assert_eq!((clock.newest(), clock.reboots(), clock.take_event()), (Some(a), 0, None));
     }
 
     #[test]

@@ -26,11 +26,13 @@ pub enum Cause {
     OutOfOrder,
     /// The sample is much older than the newest of its clock.
     Stale,
+    /// The message tells of a frame of reference that is not what it is taken for.
+    ForeignFrame,
 }
 
 impl Cause {
     /// Every cause, in the order they are shown.
-    pub const ALL: [Cause; 10] = [
+    pub const ALL: [Cause; 11] = [
         Cause::Garbage,
         Cause::BadChecksum,
         Cause::UnknownId,
@@ -41,6 +43,7 @@ impl Cause {
         Cause::Absurd,
         Cause::OutOfOrder,
         Cause::Stale,
+        Cause::ForeignFrame,
     ];
 
     /// A short name for tables.
@@ -56,6 +59,7 @@ impl Cause {
             Cause::Absurd => "absurd value",
             Cause::OutOfOrder => "out of order",
             Cause::Stale => "stale",
+            Cause::ForeignFrame => "unusable frame of reference",
         }
     }
 }

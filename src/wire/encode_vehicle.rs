@@ -10,8 +10,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::geo::{Euler, Geodetic, so3};
 use crate::sample::{
-    Airframe, FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, MagSample, PressureSample,
-    RangeDirection, RangeSample, Sample, VehicleStatus,
+    Airframe, FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, LandmarkSample, MagSample,
+    PressureSample, RangeDirection, RangeSample, Sample, Sighting, VehicleStatus,
 };
 use crate::time::ApTime;
 
@@ -40,7 +40,7 @@ pub struct VehicleTruth {
 }
 
 /// Appends the messages of samples that arrive together. A magnetometer sample goes into the HIGHRES_IMU before it, if they have one
-/// time; alone it has no message, and neither has a landmark. Of a flow without rotation (`Removed`) the sensor's gyro reads zero.
+/// time; alone it has no message. Of a flow without rotation (`Removed`) the sensor's gyro reads zero.
 pub fn samples<'a>(samples: impl IntoIterator<Item = &'a Sample>, out: &mut Vec<MavMessage>) {
     for sample in samples {
         let message = match sample {
@@ -56,7 +56,7 @@ pub fn samples<'a>(samples: impl IntoIterator<Item = &'a Sample>, out: &mut Vec<
             Sample::Flow(s) => optical_flow_rad(s),
             Sample::Range(s) => distance_sensor(s),
             Sample::Airspeed(s) => vfr_hud(s.airspeed_mps),
-            Sample::Landmark(_) => None,
+            Sample::Landmark(s) => landing_target(s),
         };
         out.extend(message);
     }
@@ -339,6 +339,35 @@ fn vfr_hud(airspeed_mps: f64) -> Option<MavMessage> {
         climb: 0.0,
         heading: 0,
         throttle: 0,
+    }))
+}
+
+/// A landmark in a camera's view. Which camera it is, is told by the component that sends it.
+fn landing_target(s: &LandmarkSample) -> Option<MavMessage> {
+    let (angles, distance, position) = match s.sighting {
+        Sighting::Bearing { angle_xy, distance_m } => (angle_xy, distance_m.unwrap_or_default(), None),
+        Sighting::Body(p) => ([0.0; 2], p.norm(), Some(p)),
+    };
+    let [x, y, z] = triple(&position.unwrap_or_default())?;
+    Some(MavMessage::LANDING_TARGET(apm::LANDING_TARGET_DATA {
+        time_usec: boot_usec(s.time)?,
+        angle_x: float(angles[0])?,
+        angle_y: float(angles[1])?,
+        distance: float(distance)?,
+        size_x: 0.0,
+        size_y: 0.0,
+        target_num: s.id,
+        frame: apm::MavFrame::MAV_FRAME_BODY_FRD,
+        x,
+        y,
+        z,
+        q: [1.0, 0.0, 0.0, 0.0],
+        mavtype: apm::LandingTargetType::LANDING_TARGET_TYPE_VISION_FIDUCIAL,
+        position_valid: if position.is_some() {
+            apm::MavBool::MAV_BOOL_TRUE
+        } else {
+            apm::MavBool::MAV_BOOL_FALSE
+        },
     }))
 }
 

@@ -7,11 +7,13 @@ use mavlink::dialects::ardupilotmega::MavMessage;
 use super::protocol::Address;
 use super::protocol::outgoing::FrameWriter;
 
-/// Writes the messages of one sender.
+/// Writes the messages of one sender, and of others beside it.
 #[derive(Debug)]
 pub struct TlogWriter<W> {
     to: W,
-    frames: FrameWriter,
+    from: Address,
+    /// Every sender numbers its own frames.
+    senders: Vec<(Address, FrameWriter)>,
     count: u64,
     bytes: u64,
 }
@@ -19,7 +21,7 @@ pub struct TlogWriter<W> {
 impl<W: Write> TlogWriter<W> {
     /// A writer of messages `from` a component to a sink, which should be buffered.
     pub fn new(to: W, from: Address) -> Self {
-        Self { to, frames: FrameWriter::new(from), count: 0, bytes: 0 }
+        Self { to, from, senders: Vec::new(), count: 0, bytes: 0 }
     }
 
     /// Appends a message with the writer's clock, microseconds since 1970.
@@ -27,8 +29,21 @@ impl<W: Write> TlogWriter<W> {
     /// # Errors
     /// What the sink says.
     pub fn write(&mut self, written_us: u64, message: &MavMessage) -> io::Result<()> {
-        let frame = self
-            .frames
+        self.write_from(self.from, written_us, message)
+    }
+
+    /// The same of another sender.
+    ///
+    /// # Errors
+    /// What the sink says.
+    pub fn write_from(&mut self, from: Address, written_us: u64, message: &MavMessage) -> io::Result<()> {
+        let known = self.senders.iter().position(|(address, _)| *address == from);
+        let at = known.unwrap_or_else(|| {
+            self.senders.push((from, FrameWriter::new(from)));
+            self.senders.len() - 1
+        });
+        let frame = self.senders[at]
+            .1
             .write(message)
             .ok_or_else(|| io::Error::new(ErrorKind::InvalidInput, "a message longer than a frame"))?;
         self.to.write_all(&written_us.to_be_bytes())?;

@@ -67,6 +67,15 @@ impl Eskf {
         fused
     }
 
+    /// The heading: how far the attitude is turned about NED's z axis from where it is measured to be, rad, and its variance.
+    ///
+    /// # Errors
+    /// [`Gated`].
+    pub fn fuse_heading(&mut self, innovation: f64, variance: f64) -> Result<Correction, Gated> {
+        let h = Row::empty().with3(THETA, &self.state.r_body_to_ned.row(2).into_owned());
+        self.fuse(&h, innovation, variance)
+    }
+
     /// A magnetometer vector: m = Rᵀ m_n + b_m, body, T. Fused as three scalars, all of them or none.
     ///
     /// # Errors

@@ -258,12 +258,19 @@ impl Eskf {
         sigma_position_m: f64,
         sigma_velocity_mps: f64,
     ) {
+        self.reset_position(position_ne, sigma_position_m);
+        for axis in 0..2 {
+            self.forget(V + axis, sigma_velocity_mps);
+            self.state.velocity_ned[axis] = velocity_ne[axis];
+        }
+    }
+
+    /// The horizontal position is known anew, with this standard deviation; all else stays, and forgets what it had to do with the old one.
+    pub fn reset_position(&mut self, position_ne: &Vector2<f64>, sigma_m: f64) {
         self.carry();
         for axis in 0..2 {
-            self.forget(P + axis, sigma_position_m);
-            self.forget(V + axis, sigma_velocity_mps);
+            self.forget(P + axis, sigma_m);
             self.state.position_ned[axis] = position_ne[axis];
-            self.state.velocity_ned[axis] = velocity_ne[axis];
         }
     }
 

@@ -8,12 +8,16 @@ use crate::sample::{
 };
 use crate::time::Span;
 
+use super::super::frame::ComponentId;
 use super::{Cause, Decoder, Item, Out, finite, within};
 
 /// Flow faster than this is no flow, rad/s (good sensors end at 7).
 const MAX_FLOW: f64 = 50.0;
 /// MAV_SENSOR_ROTATION_PITCH_270: the beam points along body +z.
 const FACING_DOWN: u8 = 25;
+
+/// MAV_FRAME_BODY_FRD and its older name MAV_FRAME_BODY_NED: x, y and z from the vehicle in its own axes.
+const BODY_FRAMES: [u8; 2] = [12, 8];
 
 impl Decoder {
     pub(super) fn optical_flow(&mut self, m: &apm::OPTICAL_FLOW_DATA, out: Out<'_>) -> Result<(), Cause> {
@@ -138,14 +142,25 @@ impl Decoder {
         Ok(())
     }
 
-    pub(super) fn landing_target(&mut self, m: &apm::LANDING_TARGET_DATA, out: Out<'_>) -> Result<(), Cause> {
-        let time = self.clock.usec(m.time_usec)?;
+    /// LANDING_TARGET of the autopilot, or of another component of the vehicle that sees landmarks: that one's stamps are read on the
+    /// autopilot's clock, and move nothing.
+    pub(super) fn landing_target(
+        &mut self,
+        m: &apm::LANDING_TARGET_DATA,
+        from: ComponentId,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        let own = self.vehicle.is_some_and(|(_, component)| component == from);
+        let time = if own { self.clock.usec(m.time_usec)? } else { self.clock.foreign_usec(m.time_usec)? };
         let sighting = if matches!(m.position_valid, apm::MavBool::MAV_BOOL_TRUE) {
+            if !BODY_FRAMES.contains(&(m.frame as u8)) {
+                return Err(Cause::ForeignFrame);
+            }
             let position: Vector3<f64> = finite(m.x, m.y, m.z)?;
             if position.amax() > 1e4 {
                 return Err(Cause::Absurd);
             }
-            Sighting::Relative { position, frame: m.frame as u8 }
+            Sighting::Body(position)
         } else {
             let half_turn = std::f64::consts::FRAC_PI_2;
             let angle_xy =
@@ -156,7 +171,8 @@ impl Decoder {
                 distance_m: (distance.is_finite() && distance > 0.0).then_some(distance),
             }
         };
-        out.push(Item::Sample(Sample::Landmark(LandmarkSample { time, id: m.target_num, sighting })));
+        let sample = LandmarkSample { time, camera: from.0, id: m.target_num, sighting };
+        out.push(Item::Sample(Sample::Landmark(sample)));
         Ok(())
     }
 }

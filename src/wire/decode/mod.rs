@@ -62,6 +62,9 @@ pub struct Decoder {
     pitot: Option<bool>,
 }
 
+/// The message that cameras tell of landmarks with: the one that other components of the vehicle are listened to for.
+pub const LANDING_TARGET: u32 = 149;
+
 type Out<'a> = &'a mut Vec<Item>;
 
 impl Decoder {
@@ -105,15 +108,18 @@ impl Decoder {
     pub fn decode(&mut self, frame: &Frame<'_>, out: &mut Vec<Item>) {
         if self.vehicle != Some((frame.system(), frame.component())) {
             if self.vehicle.is_none_or(|(system, _)| system != frame.system()) {
-                self.counters.count(Cause::WrongSystem);
+                return self.counters.count(Cause::WrongSystem);
             }
-            return;
+            if frame.message_id() != LANDING_TARGET {
+                return;
+            }
         }
         self.counters.frames += 1;
         if !of_interest(frame.message_id()) {
             return;
         }
         let result = match frame.parse() {
+            Ok(MavMessage::LANDING_TARGET(m)) => self.landing_target(&m, frame.component(), out),
             Ok(message) => self.message(&message, out),
             Err(error) => Err(cause_of(&error)),
         };
@@ -149,7 +155,6 @@ impl Decoder {
             MavMessage::DISTANCE_SENSOR(m) => self.distance_sensor(m, out),
             MavMessage::RANGEFINDER(m) => self.rangefinder(m, out),
             MavMessage::VFR_HUD(m) => self.airspeed(m.airspeed, out),
-            MavMessage::LANDING_TARGET(m) => self.landing_target(m, out),
             MavMessage::SYSTEM_TIME(m) => {
                 self.clock.boot_ms(m.time_boot_ms)?;
                 self.clock.system_time(m.time_unix_usec, m.time_boot_ms);

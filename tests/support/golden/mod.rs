@@ -7,6 +7,7 @@ mod flight;
 mod flow;
 mod fusini;
 mod grip;
+mod landmarks;
 pub mod outcome;
 mod projection;
 pub mod values;
@@ -47,6 +48,12 @@ pub fn run_value(file: &Value, folder: &Path) -> Result<Outcome> {
         projection::run(file)
     } else if has("", "optical_flow_rad") || has("/cases/0", "rdot") {
         flow::run(file)
+    } else if has("/propagate/0", "P_next_ut") {
+        landmarks::primitives(file)
+    } else if has("", "inputs_vw") && has("", "x_order") {
+        landmarks::dead_reckoned(file)
+    } else if has("/events/0", "P_ut") && has("", "landmarks_V") {
+        landmarks::paper(file)
     } else {
         let keys: Vec<&str> = file.as_object().into_iter().flatten().map(|(k, _)| k.as_str()).collect();
         Err(format!("not a format that is known (its keys: {})", keys.join(", ")))

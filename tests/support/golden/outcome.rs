@@ -86,6 +86,11 @@ impl Outcome {
         }
     }
 
+    /// How many numbers were compared.
+    pub fn compared(&self) -> usize {
+        self.compared
+    }
+
     /// Whether everything is within its tolerance, and anything was compared at all.
     pub fn is_ok(&self) -> bool {
         self.compared > 0 && self.deviation <= self.tolerance

@@ -1,0 +1,173 @@
+//! What a landmark filter is configured with: the landmarks, the cameras, the noise, and what it may believe.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// Landmarks with known coordinates, by id, in one frame: NED at the origin, or a local frame whose z axis points down.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LandmarkMap {
+    landmarks: Vec<(u8, Vector3<f64>)>,
+    centroid: Vector3<f64>,
+    radius_m: f64,
+}
+
+/// What is wrong with a map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MapError {
+    /// There is nothing to see.
+    #[error("no landmarks")]
+    Empty,
+    /// Two landmarks cannot be told apart.
+    #[error("landmark {0} is there twice")]
+    Twice(u8),
+    /// Coordinates are no numbers, or farther away than the Earth is large.
+    #[error("landmark {0} has impossible coordinates")]
+    Impossible(u8),
+}
+
+/// No landmark of one map is farther from its origin, m.
+const FARTHEST: f64 = 1e7;
+
+impl LandmarkMap {
+    /// A map of landmarks.
+    ///
+    /// # Errors
+    /// [`MapError`].
+    pub fn new(landmarks: impl IntoIterator<Item = (u8, Vector3<f64>)>) -> Result<Self, MapError> {
+        let mut landmarks: Vec<_> = landmarks.into_iter().collect();
+        landmarks.sort_by_key(|(id, _)| *id);
+        if landmarks.is_empty() {
+            return Err(MapError::Empty);
+        }
+        if let Some((id, _)) = landmarks.iter().find(|(_, q)| !q.iter().all(|v| v.abs() < FARTHEST)) {
+            return Err(MapError::Impossible(*id));
+        }
+        if let Some(pair) = landmarks.windows(2).find(|w| w[0].0 == w[1].0) {
+            return Err(MapError::Twice(pair[0].0));
+        }
+        let count = landmarks.len() as f64;
+        let centroid = landmarks.iter().map(|(_, q)| q).sum::<Vector3<f64>>() / count;
+        let spread: f64 = landmarks.iter().map(|(_, q)| (q - centroid).norm_squared()).sum();
+        let radius_m = (spread / count).sqrt();
+        Ok(Self { landmarks, centroid, radius_m })
+    }
+
+    /// Where a landmark is, m.
+    pub fn get(&self, id: u8) -> Option<Vector3<f64>> {
+        let at = self.landmarks.binary_search_by_key(&id, |(id, _)| *id).ok()?;
+        self.landmarks.get(at).map(|(_, q)| *q)
+    }
+
+    /// Ids and coordinates, by id.
+    pub fn iter(&self) -> impl Iterator<Item = (u8, Vector3<f64>)> + '_ {
+        self.landmarks.iter().copied()
+    }
+
+    /// Their mean, m.
+    pub fn centroid(&self) -> Vector3<f64> {
+        self.centroid
+    }
+
+    /// Their root mean square distance from the mean, m.
+    pub fn radius_m(&self) -> f64 {
+        self.radius_m
+    }
+}
+
+/// How a camera is mounted. Camera axes: x to the right of the image, y down, z along the optical axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraMount {
+    /// From camera to body axes.
+    pub r_camera_to_body: Matrix3<f64>,
+    /// Where it is in the body, FRD, m.
+    pub lever_body: Vector3<f64>,
+    /// Half of the field of view along the image's x and y, rad. A sighting outside is none.
+    pub half_field_of_view_rad: [f64; 2],
+}
+
+impl CameraMount {
+    /// Looking down, the top of the image forward: the image's x is the body's y, its y points backwards.
+    pub fn downward(half_field_of_view_rad: [f64; 2]) -> Self {
+        let r_camera_to_body = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        Self { r_camera_to_body, lever_body: Vector3::zeros(), half_field_of_view_rad }
+    }
+
+    /// Whether a direction, camera axes, is in the field of view.
+    pub fn sees(&self, direction: &Vector3<f64>) -> bool {
+        let [x, y] = self.half_field_of_view_rad;
+        direction.x.abs().atan2(direction.z) <= x && direction.y.abs().atan2(direction.z) <= y
+    }
+}
+
+/// Noise, memory and what is believed. The defaults are for a camera of a degree and a dead reckoning of a few cm/s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LandmarkSettings {
+    /// λ, the H∞ filter's rate of forgetting, 1/s: 0.25-0.5.
+    pub lambda: f64,
+    /// σ of a bearing, each of two directions, rad.
+    pub bearing_sigma_rad: f64,
+    /// Least and greatest distance by which a bearing's error is scaled, m. The estimate of the distance may be nonsense at first.
+    pub distance_clip_m: [f64; 2],
+    /// σ of a measured distance: this part of it, but no less than 5 cm.
+    pub distance_sigma_part: f64,
+    /// The H∞ filter's gate on the squared ratio of a sighting's residual. Without one 3 % of wrong ids keep it from ever converging.
+    pub gate: f64,
+    /// The same of the refining filter.
+    pub refined_gate: f64,
+    /// σ of the direction of gravity as it is given, rad.
+    pub gravity_sigma_rad: f64,
+    /// A direction of gravity is taken this often, s.
+    pub gravity_period_s: f64,
+    /// Weight of the rows that keep N near SO(3), each time a direction of gravity is taken. They carry a coplanar field and a hover.
+    pub orthonormality_weight: f64,
+    /// The smoothed part of rejected sightings above which a filter is taken to be locked out.
+    pub lockout_part: f64,
+    /// What Y is multiplied with then.
+    pub lockout_factor: f64,
+    /// Drift of the dead reckoning in position, m/√s.
+    pub position_drift: f64,
+    /// Drift of the dead reckoning in attitude, rad/√s.
+    pub attitude_drift: f64,
+    /// Sightings older than this are refused, s.
+    pub history_s: f64,
+    /// Motions farther apart than this break the dead reckoning, s.
+    pub gap_s: f64,
+    /// Motions remembered at most.
+    pub motions: usize,
+    /// Sightings and directions of gravity that can still be put in order, at most.
+    pub events: usize,
+    /// σ of the position (each axis, m) and of the attitude (each axis, rad) below which a pose is converged.
+    pub converged_sigma: [f64; 2],
+}
+
+impl Default for LandmarkSettings {
+    fn default() -> Self {
+        Self {
+            lambda: 0.25,
+            bearing_sigma_rad: 0.015,
+            distance_clip_m: [0.5, 12.0],
+            distance_sigma_part: 0.1,
+            gate: 20.0,
+            refined_gate: 16.0,
+            gravity_sigma_rad: 0.03,
+            gravity_period_s: 0.2,
+            orthonormality_weight: 400.0,
+            lockout_part: 0.6,
+            lockout_factor: 0.02,
+            position_drift: 0.02,
+            attitude_drift: 0.003,
+            history_s: 1.0,
+            gap_s: 0.25,
+            motions: 1024,
+            events: 256,
+            converged_sigma: [0.3, 0.06],
+        }
+    }
+}
+
+impl LandmarkSettings {
+    /// The default with lengths that fit a field of landmarks that is seen from about `distance_m`.
+    pub fn seen_from(distance_m: f64) -> Self {
+        let d = distance_m.clamp(1.0, 1e4);
+        Self { distance_clip_m: [0.1 * d, 3.0 * d], ..Self::default() }
+    }
+}
