@@ -321,15 +321,16 @@ impl Altimeter {
         }
         self.channels[i].heard_s = self.clock_s;
         let r = sigma * sigma;
-        let innovation = self.joint.innovation(channel, y, r * self.channels[i].noise.factor());
+        let noise = r * self.channels[i].noise.factor();
+        let innovation = self.joint.innovation(channel, y, noise);
+        let predicted = innovation.variance - noise;
         let normalised = innovation.value / innovation.variance.sqrt();
         if !normalised.is_finite() {
             return HeightVerdict::Rejected(normalised);
         }
         self.channels[i].settling = self.channels[i].settling.saturating_add(1);
-        self.channels[i].settled |=
-            innovation.variance - r < SETTLED * r || self.channels[i].settling > SETTLING;
-        if innovation.variance - r > UNSETTLED * r && self.channels[i].biased_since_s.is_none() {
+        self.channels[i].settled |= predicted < SETTLED * r || self.channels[i].settling > SETTLING;
+        if predicted > UNSETTLED * r && self.channels[i].biased_since_s.is_none() {
             (self.channels[i].settled, self.channels[i].settling) = (false, 0);
         }
         let settled = self.channels[i].settled;
