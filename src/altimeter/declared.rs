@@ -17,7 +17,9 @@ impl Altimeter {
         let predicted = innovation.variance - r * noise.factor();
         if noise.follow(innovation.value * innovation.value, predicted, r, limit) {
             self.onsets.clear();
-            self.tell(Change::Healed { channel, height_step_m: 0.0 });
+            if !self.health(channel).is_faulty() {
+                self.tell(Change::Healed { channel, height_step_m: 0.0 });
+            }
         }
     }
 
@@ -106,7 +108,7 @@ impl Altimeter {
         }
     }
 
-    /// Ends biases that are zero more likely than not: with a prior N(0, F²) on faults, the odds of zero against a fault are
+    /// Ends biases of which zero is likely enough: with a prior N(0, F²) on faults, the odds of zero against a fault are
     /// (F/σ) exp(−f²/2σ²) (Savage and Dickey), and those of two at once alike. Two that coasted together share the error of the height:
     /// either may look large alone. `moved_m` is what the height has moved by before; returns what of it was not told.
     pub(super) fn heal(&mut self, mut moved_m: f64) -> f64 {

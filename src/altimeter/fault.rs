@@ -96,14 +96,3 @@ pub enum Change {
         height_step_m: f64,
     },
 }
-
-impl Change {
-    /// What the height moved by, m, up.
-    pub const fn height_step_m(&self) -> f64 {
-        match self {
-            Change::Faulty { height_step_m, .. }
-            | Change::Healed { height_step_m, .. }
-            | Change::InertialAstray { height_step_m } => *height_step_m,
-        }
-    }
-}

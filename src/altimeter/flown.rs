@@ -63,11 +63,6 @@ impl FlownAltimeter {
         ibi.covariance()[(1, 1)].min(iig.covariance()[(1, 1)]).max(0.0).sqrt()
     }
 
-    /// Pressure altitude less height as it was at the start, m.
-    pub fn baro_offset_m(&self) -> Option<f64> {
-        self.baro_zero_m
-    }
-
     /// What comes on a channel is another sensor's from now on: the barometer's height is counted anew.
     pub fn another(&mut self, channel: Channel) {
         if channel == Channel::Baro {
@@ -98,6 +93,7 @@ impl FlownAltimeter {
         }
         if !self.started {
             self.started = true;
+            self.pending_s = 0.0;
             self.inertial = (if channel == Channel::Gnss { y } else { 0.0 }, 0.0);
         }
         let z = |height: f64| Some(self.inertial.0 - height);

@@ -80,6 +80,14 @@ impl HeightFilter {
         }
     }
 
+    /// The IMU was silent for `gap_s` seconds, over which the vertical acceleration was what it was but for `sigma`, m/s².
+    pub fn blind(&mut self, gap_s: f64, sigma: f64) {
+        match self {
+            Self::Tolerant(f) => f.blind(gap_s, sigma),
+            Self::Published(f) => f.predict(gap_s, 0.0),
+        }
+    }
+
     /// A channel's height, m, measured `age_s` ago, with the standard deviation that the sensor claims, if it does. `None` when this
     /// altimeter has no use for the channel.
     pub fn measure(

@@ -13,7 +13,7 @@
 //! happened" ½ dᵀC⁻¹d: the generalised likelihood ratio of Willsky and Jones (IEEE TAC 21, 1976). x̂ − J f̂ with P + J C⁻¹ Jᵀ is what the
 //! filter would hold had it had the state open since θ (Friedland's separation, IEEE TAC 14, 1969): going back to the onset costs no replay.
 
-use super::joint::{CLIMB, Channel, Innovation, STATES, State, Transition};
+use super::joint::{CLIMB, Channel, HEIGHT, Innovation, STATES, State, Transition};
 
 /// What may jump: a channel, or the inertial altitude.
 pub(super) const JUMPS: usize = 5;
@@ -196,6 +196,13 @@ impl Onsets {
 
     pub(super) fn clear(&mut self) {
         self.len = 0;
+    }
+
+    /// The offset of a channel was set anew, so that the channel reads what the height is: its error is the height's, from any jump.
+    pub(super) fn restarted(&mut self, offset: usize) {
+        for effect in self.onsets.iter_mut().flat_map(|onset| onset.effect.iter_mut()) {
+            effect[offset] = -effect[HEIGHT];
+        }
     }
 
     /// This onset explains what came best so far.

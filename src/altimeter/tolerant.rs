@@ -1,10 +1,10 @@
 //! The fault-tolerant altimeter: the joint filter, guarded sample by sample and watched over time.
 //!
-//! Every sample is weighted with the probability (32) that its channel works normally, per channel and with the consistent covariance.
+//! Every sample of a channel that has settled is weighted with the probability (32) that it works normally, with the consistent covariance.
 //! That holds for a few samples only: what lasts has to be named. The bank of onsets says whether a channel jumped, two of them did, the
 //! inertial altitude went astray, or a channel's noise has grown, and since when. A bias that is declared becomes a state that is open
 //! from its onset on, so that what the faulty samples did to the height is undone; the channel goes on as a relative height. Grown
-//! noise is used with the variance it shows. A channel is healthy again when its bias is zero more likely than not, or its noise is
+//! noise is used with the variance it shows. A channel is healthy again when zero is likely enough for its bias, or its noise is
 //! back to normal: never is the truth rejected because a fault was believed. A measurement that is missing is missing.
 
 use super::drift::Drift;
@@ -186,11 +186,17 @@ impl Altimeter {
 
     /// What comes on a channel is another sensor's from now on: its offset is found anew, the height stays.
     pub fn another(&mut self, channel: Channel) {
+        if self.health(channel).is_faulty() {
+            self.tell(Change::Healed { channel, height_step_m: 0.0 });
+        }
         self.channels[channel.index()] = ChannelState::new();
         if channel.is_absolute() {
             self.joint.x[channel.fault()] = 0.0;
             self.joint.forget(channel.fault(), 0.0);
         }
+        let (o, offset) = (channel.offset(), self.settings.channels[channel.index()].offset.sigma_m);
+        self.joint.x[o] = 0.0;
+        self.joint.forget(o, offset * offset);
         if channel == Channel::Baro {
             self.drift = Drift::default();
         }
@@ -252,6 +258,20 @@ impl Altimeter {
         }
     }
 
+    /// Nothing was measured for `gap_s` seconds, over which the vertical acceleration was what it was but for `sigma`, m/s².
+    pub fn blind(&mut self, gap_s: f64, sigma: f64) {
+        self.predict(gap_s, 0.0, 0.0);
+        self.catch_up();
+        let (speed, way) = (sigma * gap_s, 0.5 * sigma * gap_s * gap_s);
+        if way.is_finite() && self.joint.sigma(HEIGHT) < LARGEST_M {
+            self.joint.p[(CLIMB, CLIMB)] += speed * speed;
+            self.joint.p[(HEIGHT, HEIGHT)] += way * way;
+            self.joint.p[(HEIGHT, CLIMB)] += speed * way;
+            self.joint.p[(CLIMB, HEIGHT)] += speed * way;
+        }
+        self.onsets.clear();
+    }
+
     /// Predicts over `dt` seconds with the upward acceleration `accel_up` (m/s², gravity taken out).
     ///
     /// `noise` is the noise density that this acceleration may have beyond the settings' own, m/s²/√Hz: a wrong attitude shows in
@@ -305,7 +325,7 @@ impl Altimeter {
     ) -> HeightVerdict {
         let i = channel.index();
         let floor = self.settings.channels[i].noise_m;
-        let sigma = claimed_sigma_m.filter(|s| *s < LARGEST_M).unwrap_or(floor).max(floor);
+        let sigma = claimed_sigma_m.filter(|s| !s.is_nan()).map_or(floor, |s| s.clamp(floor, LARGEST_M));
         let y = height_m + self.climb_mps() * age_s;
         if y.is_nan() || y.abs() > LARGEST_M {
             return HeightVerdict::Rejected(f64::NAN);
@@ -314,7 +334,9 @@ impl Altimeter {
         if !channel.is_absolute() && self.clock_s - self.channels[i].heard_s > FORGOTTEN_S {
             // The ground under the beam is another one, and what a second barometer was off by is known no better than from now on.
             self.channels[i].started = false;
-            self.channels[i].biased_since_s = None;
+            if self.channels[i].biased_since_s.take().is_some() {
+                self.tell(Change::Healed { channel, height_step_m: 0.0 });
+            }
         }
         if !self.channels[i].started {
             self.start(channel, y, sigma);
@@ -338,7 +360,9 @@ impl Altimeter {
         let weight = if prob < self.settings.least_prob { 0.0 } else { prob };
         let far = normalised.abs() > SUSPICIOUS;
         let begins = !std::mem::replace(&mut self.channels[i].far, far) && far;
-        if self.channels.iter().all(|c| c.settled || !c.started) {
+        // Who settles keeps the others from judging, but not for longer than it is heard.
+        let silent = |c: &ChannelState| self.clock_s - c.heard_s > FORGOTTEN_S;
+        if self.channels.iter().all(|c| c.settled || !c.started || silent(c)) {
             self.onsets.open(self.clock_s, begins);
         }
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
@@ -376,7 +400,7 @@ impl Altimeter {
         let offset = self.settings.channels[channel.index()].offset.sigma_m;
         if !self.started {
             self.started = true;
-            if offset < self.settings.inertial.start_sigma[0] {
+            if offset <= self.settings.inertial.start_sigma[0] {
                 self.joint.x[HEIGHT] = y;
             }
         }
@@ -393,5 +417,6 @@ impl Altimeter {
         self.joint.p.row_mut(o).copy_from(&row);
         self.joint.p.column_mut(o).copy_from(&row.transpose());
         self.joint.p[(o, o)] = -row[HEIGHT] + sigma * sigma;
+        self.onsets.restarted(o);
     }
 }

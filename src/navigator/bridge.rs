@@ -7,6 +7,7 @@ use crate::sample::ImuSample;
 use super::Navigator;
 use super::event::What;
 use super::history::Moment;
+use super::inertial::UNKNOWN_VERTICAL;
 use super::kalman::Kalman;
 
 /// How far rotation and acceleration in a hole may be from those at its ends, rad/s and m/s², 1 sigma.
@@ -56,7 +57,7 @@ impl Navigator {
             state.velocity_ned = filter.velocity_ned;
             state.xi_ned = Vector3::zeros();
         }
-        self.height.predict(gap_s, 0.0, 0.0);
+        self.height.blind(gap_s, UNKNOWN_VERTICAL);
         self.predictor.clear();
         self.history.clear();
         self.history.push(

@@ -40,6 +40,7 @@ impl Navigator {
             self.receiver = s.receiver;
             self.trust.forget_track();
             self.latency.interrupt();
+            self.height.another(Channel::Gnss);
             self.tell(s.time, What::Receiver(s.receiver));
         }
         match self.fix(now, s) {

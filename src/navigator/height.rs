@@ -200,7 +200,7 @@ impl Navigator {
         let near = self
             .ground_m
             .zip(self.height.height_m())
-            .is_some_and(|(ground, height)| height - ground < h.ground_effect_below_m);
+            .is_some_and(|(ground, height)| (height - ground).abs() < h.ground_effect_below_m);
         if near && !self.resting() && self.is_published() {
             let walk = h.ground_effect_walk;
             for channel in [Channel::Baro, Channel::SecondBaro] {

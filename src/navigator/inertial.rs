@@ -37,6 +37,9 @@ const STUCK_S: f64 = 0.5;
 /// A stream that goes on in the past for this long has another clock than it had, s.
 const BEHIND_S: f64 = 0.2;
 
+/// What a vertical acceleration may be that nobody has measured, m/s².
+pub(super) const UNKNOWN_VERTICAL: f64 = 2.0;
+
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
         if !finite(&s.angular_rate_body) || !finite(&s.specific_force_body) {
@@ -62,6 +65,7 @@ impl Navigator {
         self.trust.check(s.time);
         if dt > self.settings.imu_max_gap_s {
             if !self.bridge(s, dt) {
+                self.height.blind(dt, UNKNOWN_VERTICAL);
                 self.broken_off(s.time, Why::ImuGap(dt));
             }
             return Verdict::Used;

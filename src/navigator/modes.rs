@@ -174,6 +174,8 @@ impl Navigator {
         // Nobody knows how high it stands.
         self.height = HeightFilter::new(self.settings.height.kind, self.settings.height.altimeter);
         self.heights = HeightState::default();
+        self.trust.height_fault(false);
+        (self.ground_m, self.ground_disputed_since) = (None, None);
         self.forget_flow_times();
         self.offset_ned = Vector3::zeros();
         self.reset_counter = self.reset_counter.wrapping_add(1);
