@@ -135,6 +135,14 @@ impl HeightFilter {
         }
     }
 
+    /// What a channel's height is off by as a rule, m, and for how long it has been silent, s; the published altimeters do not say.
+    pub fn standing(&self, channel: Channel) -> Option<(f64, f64)> {
+        match self {
+            Self::Tolerant(f) => f.offset_m(channel).map(|offset| (offset, f.quiet_s(channel))),
+            Self::Published(_) => None,
+        }
+    }
+
     /// The oldest change that was not asked for yet.
     pub fn next_change(&mut self) -> Option<Change> {
         match self {

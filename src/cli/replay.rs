@@ -217,7 +217,12 @@ fn print_report(
 
     for (channel, health) in runner.pipeline.navigator.height_health() {
         if health != Health::Unheard {
-            outln!("  {}: {health}", channel.label());
+            let standing = runner.pipeline.navigator.height_standing(channel);
+            let (offset_m, quiet_s) = standing.unwrap_or_default();
+            outln!(
+                "  {}: {health}, {offset_m:+.1} m to the height, heard {quiet_s:.1} s ago",
+                channel.label()
+            );
         }
     }
 

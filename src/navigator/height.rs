@@ -30,8 +30,8 @@ const STUCK_CLIMB_M: f64 = 1.5;
 pub(super) struct Barometer {
     sensor: u8,
     heard: ApTime,
-    /// Since when it tells this pressure, Pa, and where the height was then, m.
-    same: (ApTime, f64, f64),
+    /// Since when it tells this pressure, Pa, and where the height was then, m, if it was known and has only been climbed from since.
+    same: (ApTime, f64, Option<f64>),
     stuck: bool,
 }
 
@@ -52,6 +52,13 @@ pub(super) struct HeightState {
 }
 
 impl HeightState {
+    /// The height has moved without a climb.
+    pub(super) fn moved(&mut self) {
+        for barometer in self.barometers.iter_mut().flatten() {
+            barometer.same.2 = None;
+        }
+    }
+
     /// Published less estimated height, m.
     pub(super) fn offset_m(&self) -> f64 {
         self.gliding_m + self.smoothed_m
@@ -128,6 +135,9 @@ impl Navigator {
             self.tell(now, what);
             told = true;
         }
+        if told {
+            self.heights.moved();
+        }
         let faulty = self.height.health(Channel::Gnss).is_faulty();
         if faulty != self.heights.gnss_faulty {
             self.heights.gnss_faulty = faulty;
@@ -141,13 +151,18 @@ impl Navigator {
         Channel::ALL.map(|c| (c, self.height.health(c)))
     }
 
+    /// What a channel's height is off by as a rule, m, and for how long it has been silent, s.
+    pub fn height_standing(&self, channel: Channel) -> Option<(f64, f64)> {
+        self.height.standing(channel)
+    }
+
     pub(super) fn pressure(&mut self, s: &PressureSample) -> Verdict {
         let Some(altitude) = crate::altimeter::atmosphere::pressure_altitude_m(s.pressure_pa) else {
             return Verdict::Rejected(Reason::NotFinite);
         };
         let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
         let Some((index, channel)) = self.barometer(s) else { return Verdict::Rejected(Reason::Redundant) };
-        let height = self.height.height_m().unwrap_or_default();
+        let height = self.height.height_m();
         let known = self.heights.barometers[index].filter(|b| b.sensor == s.sensor);
         if known.is_some_and(|b| s.time <= b.heard) {
             return Verdict::Rejected(Reason::OutOfOrder);
@@ -211,19 +226,19 @@ impl Navigator {
 }
 
 impl Barometer {
-    fn new(s: &PressureSample, height_m: f64) -> Self {
+    fn new(s: &PressureSample, height_m: Option<f64>) -> Self {
         Self { sensor: s.sensor, heard: s.time, same: (s.time, s.pressure_pa, height_m), stuck: false }
     }
 
     /// With a sample that was just heard.
-    fn told(self, s: &PressureSample, height_m: f64) -> Self {
+    fn told(self, s: &PressureSample, height_m: Option<f64>) -> Self {
         let (since, pressure, then_m) = self.same;
         if pressure != s.pressure_pa {
             return Self { heard: s.time, same: (s.time, s.pressure_pa, height_m), stuck: false, ..self };
         }
-        let climbed = (height_m - then_m).abs() > STUCK_CLIMB_M;
+        let climbed = height_m.zip(then_m).is_some_and(|(now, then)| (now - then).abs() > STUCK_CLIMB_M);
         let stuck = self.stuck || (climbed && s.time.seconds_since(since) > STUCK_S);
-        Self { heard: s.time, stuck, ..self }
+        Self { heard: s.time, same: (since, pressure, then_m.or(height_m)), stuck, ..self }
     }
 }
 

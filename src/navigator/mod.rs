@@ -273,6 +273,7 @@ impl Navigator {
         }
         self.settle(origin);
         self.height.shift_origin(-moved.z);
+        self.heights.moved();
         self.ground_m = self.ground_m.map(|g| g + moved.z);
         if let Some(state) = &mut self.state {
             state.position_ned -= moved;
