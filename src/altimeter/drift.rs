@@ -73,7 +73,9 @@ impl Altimeter {
             self.loosen(Channel::Baro, LOOSE * walk, elapsed);
             if odds < UNDRIFTED {
                 self.drift.since_s = None;
-                self.tell(Change::Healed { channel: Channel::Baro, height_step_m: 0.0 });
+                if !self.health(Channel::Baro).is_faulty() {
+                    self.tell(Change::Healed { channel: Channel::Baro, height_step_m: 0.0 });
+                }
             }
         } else if odds > DRIFTED && !self.health(Channel::Baro).is_faulty() {
             self.drift.since_s = Some(self.clock_s);
