@@ -18,7 +18,7 @@ impl Altimeter {
         if noise.follow(innovation.value * innovation.value, predicted, r, limit) {
             self.onsets.clear();
             if !self.health(channel).is_faulty() {
-                self.tell(Change::Healed { channel, height_step_m: 0.0 });
+                self.tell(Change::Healed(channel));
             }
         }
     }
@@ -55,7 +55,6 @@ impl Altimeter {
                     channel,
                     fault: Fault::Noise { variance_factor: factor },
                     for_s: self.clock_s - found.since_s,
-                    height_step_m: 0.0,
                 });
             }
         }
@@ -74,9 +73,8 @@ impl Altimeter {
                 self.joint.p.ger(fit.covariance[i][j], &effects[i], &effects[j], 1.0);
             }
         }
-        let height_step_m = self.joint.x[HEIGHT] - before;
         if fit.jumps[0] == INERTIAL {
-            return self.tell(Change::InertialAstray { height_step_m });
+            return self.tell(Change::InertialAstray { height_step_m: self.joint.x[HEIGHT] - before });
         }
         let mut declared = [false; 4];
         for (i, s) in fit.jumps.into_iter().enumerate() {
@@ -89,7 +87,7 @@ impl Altimeter {
             }
             declared[s] = true;
         }
-        let mut moved_m = self.heal(height_step_m);
+        self.heal();
         for channel in Channel::ALL.into_iter().filter(|c| declared[c.index()]) {
             let state = &self.channels[channel.index()];
             if state.biased_since_s.is_some() {
@@ -97,25 +95,19 @@ impl Altimeter {
                     size_m: self.joint.x[channel.fault()] - state.offset_before_m,
                     sigma_m: self.joint.sigma(channel.fault()),
                 };
-                self.tell(Change::Faulty {
-                    channel,
-                    fault,
-                    for_s: self.clock_s - since_s,
-                    height_step_m: moved_m,
-                });
-                moved_m = 0.0;
+                self.tell(Change::Faulty { channel, fault, for_s: self.clock_s - since_s });
             }
         }
     }
 
     /// Ends biases of which zero is likely enough: with a prior N(0, F²) on faults, the odds of zero against a fault are
     /// (F/σ) exp(−f²/2σ²) (Savage and Dickey), and those of two at once alike. Two that coasted together share the error of the height:
-    /// either may look large alone. `moved_m` is what the height has moved by before; returns what of it was not told.
-    pub(super) fn heal(&mut self, mut moved_m: f64) -> f64 {
+    /// either may look large alone.
+    pub(super) fn heal(&mut self) {
         let prior = self.settings.detection.bias_m;
         let biased = Channel::ALL.map(|c| self.channels[c.index()].biased_since_s.is_some());
         if !biased.contains(&true) {
-            return moved_m;
+            return;
         }
         let size = |c: Channel| self.joint.x[c.fault()] - self.channels[c.index()].offset_before_m;
         let covariance = |c: Channel, d: Channel| self.joint.p[(c.fault(), d.fault())];
@@ -138,16 +130,13 @@ impl Altimeter {
             }
         }
         for channel in Channel::ALL.into_iter().filter(|c| healed[c.index()]) {
-            let before = self.joint.x[HEIGHT];
             if channel.is_absolute() {
                 self.joint.pin(channel.fault());
             }
             self.channels[channel.index()].biased_since_s = None;
             self.onsets.clear();
-            self.tell(Change::Healed { channel, height_step_m: moved_m + self.joint.x[HEIGHT] - before });
-            moved_m = 0.0;
+            self.tell(Change::Healed(channel));
         }
-        moved_m
     }
 
     pub(super) fn tell(&mut self, change: Change) {

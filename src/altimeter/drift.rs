@@ -74,7 +74,7 @@ impl Altimeter {
             if odds < UNDRIFTED {
                 self.drift.since_s = None;
                 if !self.health(Channel::Baro).is_faulty() {
-                    self.tell(Change::Healed { channel: Channel::Baro, height_step_m: 0.0 });
+                    self.tell(Change::Healed(Channel::Baro));
                 }
             }
         } else if odds > DRIFTED && !self.health(Channel::Baro).is_faulty() {
@@ -83,7 +83,6 @@ impl Altimeter {
                 channel: Channel::Baro,
                 fault: Fault::Drift { size_m: difference },
                 for_s: 0.0,
-                height_step_m: 0.0,
             });
         }
     }

@@ -80,16 +80,9 @@ pub enum Change {
         fault: Fault,
         /// How long ago it began, s.
         for_s: f64,
-        /// What the height moved by when the fault's effect was taken out of it, m.
-        height_step_m: f64,
     },
     /// A channel is healthy again.
-    Healed {
-        /// Which.
-        channel: Channel,
-        /// What the height moved by, m.
-        height_step_m: f64,
-    },
+    Healed(Channel),
     /// The inertial altitude had gone astray.
     InertialAstray {
         /// What the height moved by, m.

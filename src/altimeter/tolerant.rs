@@ -187,9 +187,11 @@ impl Altimeter {
     /// What comes on a channel is another sensor's from now on: its offset is found anew, the height stays.
     pub fn another(&mut self, channel: Channel) {
         if self.health(channel).is_faulty() {
-            self.tell(Change::Healed { channel, height_step_m: 0.0 });
+            self.tell(Change::Healed(channel));
         }
-        self.channels[channel.index()] = ChannelState::new();
+        // What a height should read stays known.
+        let settled = self.channels[channel.index()].settled;
+        self.channels[channel.index()] = ChannelState { settled, ..ChannelState::new() };
         if channel.is_absolute() {
             self.joint.x[channel.fault()] = 0.0;
             self.joint.forget(channel.fault(), 0.0);
@@ -335,7 +337,7 @@ impl Altimeter {
             // The ground under the beam is another one, and what a second barometer was off by is known no better than from now on.
             self.channels[i].started = false;
             if self.channels[i].biased_since_s.take().is_some() {
-                self.tell(Change::Healed { channel, height_step_m: 0.0 });
+                self.tell(Change::Healed(channel));
             }
         }
         if !self.channels[i].started {
@@ -378,7 +380,7 @@ impl Altimeter {
         if self.room <= 0.0 {
             self.look_for_faults();
         }
-        self.heal(0.0);
+        self.heal();
         if channel == Channel::Baro {
             self.look_for_drift();
         }

@@ -128,8 +128,8 @@ impl Navigator {
         let mut told = false;
         while let Some(change) = self.height.next_change() {
             let what = match change {
-                Change::Faulty { channel, fault, for_s, .. } => What::HeightFault { channel, fault, for_s },
-                Change::Healed { channel, .. } => What::HeightHealed(channel),
+                Change::Faulty { channel, fault, for_s } => What::HeightFault { channel, fault, for_s },
+                Change::Healed(channel) => What::HeightHealed(channel),
                 Change::InertialAstray { height_step_m } => What::InertialHeight(height_step_m),
             };
             self.tell(now, what);
