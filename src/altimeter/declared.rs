@@ -34,7 +34,7 @@ impl Altimeter {
             }
         }
         let most = best.map_or(0.0, |(_, score)| score.most);
-        self.room = d.ratio.min(d.noise_ratio) - most - d.both_cost.max(d.noise_cost);
+        self.room = d.ratio - most - d.both_cost.max(d.noise_cost);
         let Some((onset, score)) = best else { return };
         let since_s = onset.time_s;
         let lasting = self.clock_s - since_s >= d.lasting_s;

@@ -20,7 +20,7 @@ pub(super) fn score(onset: &Onset, d: &DetectionSettings) -> Score {
     };
     let (one, two) = (one - d.jump_cost, two - d.jump_cost);
     let most = f64::max(0.0, f64::max(one, two - d.both_cost));
-    let jump = if d.noise_cost > d.noise_ratio { f64::INFINITY } else { f64::max(one, two) };
+    let jump = if d.noise_cost > d.ratio { f64::INFINITY } else { f64::max(one, two) };
     Score { most, jump }
 }
 
@@ -92,7 +92,7 @@ pub(super) fn explain(onset: &Onset, d: &DetectionSettings) -> Explanation {
     let mut grown = [None; 4];
     for c in 0..4 {
         let (ratio, _) = Onset::noise(onset.bounded[c], onset.count[c]);
-        let large = onset.count[c] >= d.samples && ratio > d.noise_ratio;
+        let large = onset.count[c] >= d.samples && ratio > d.ratio;
         if large && !jumps(&best.1, c) && ahead_of(&|fit| jumps(fit, c)) {
             let (_, factor) = Onset::noise(onset.square[c], onset.count[c]);
             grown[c] = Some((factor, onset.count[c]));

@@ -17,8 +17,6 @@ pub struct ChannelSettings {
 pub struct DetectionSettings {
     /// Log-likelihood ratio at which a fault is declared.
     pub ratio: f64,
-    /// The same for noise that has grown, which costs nothing to follow.
-    pub noise_ratio: f64,
     /// Log-likelihood ratio by which an explanation has to be ahead of the others.
     pub margin: f64,
     /// What the jump of a channel costs.
@@ -61,7 +59,6 @@ impl DetectionSettings {
     const fn paper(step_s: f64) -> Self {
         Self {
             ratio: 13.5,
-            noise_ratio: 13.5,
             margin: 4.0,
             jump_cost: 2.0,
             both_cost: 3.0,
@@ -79,7 +76,7 @@ impl DetectionSettings {
     /// For a vehicle's own sensors, whose noise is neither white nor Gaussian: with a larger log-likelihood ratio `ratio`, over a window
     /// of `window_s`, s.
     pub const fn recorded(ratio: f64, window_s: f64) -> Self {
-        Self { ratio, noise_ratio: 0.3 * ratio, lasting_s: 0.4, spacing_s: 0.1, window_s, ..Self::paper(0.5) }
+        Self { ratio, lasting_s: 0.4, spacing_s: 0.1, window_s, ..Self::paper(0.5) }
     }
 }
 
