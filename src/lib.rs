@@ -5,6 +5,7 @@ pub mod camera;
 pub mod cli;
 pub mod config;
 pub mod daemon;
+pub mod filter;
 pub mod geo;
 pub mod landmark;
 pub mod metrics;

@@ -8,8 +8,8 @@
     reason = "a test that cannot go on has failed"
 )]
 
+use holdover::filter::{BankVerdict, HeadingBank, HeadingBankSettings};
 use holdover::geo::so3::{self, Euler};
-use holdover::observer::{BankVerdict, HeadingBank, HeadingBankSettings};
 use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
 use holdover::sim::trajectory::{FixedWing, Multirotor, Trajectory, Truth};
 use holdover::time::ApTime;

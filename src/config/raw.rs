@@ -8,6 +8,7 @@ use crate::altimeter::{
     AltimeterKind, AltimeterSettings, ChannelSettings, DetectionSettings, InertialModel, Method, OffsetModel,
 };
 use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
+use crate::filter::error_state::EskfSettings;
 use crate::geo::so3::Euler;
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
@@ -18,7 +19,6 @@ use crate::navigator::settings::{
     NavigatorSettings, ObserverSettings, RejoinSettings,
 };
 use crate::navigator::trust::TrustSettings;
-use crate::observer::eskf::EskfSettings;
 use crate::outbound::{Carriage, OutboundSettings, Profile, Publish};
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;

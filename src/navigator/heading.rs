@@ -1,10 +1,10 @@
-//! Heading from motion, for a vehicle that has nothing better: the bank of [`crate::observer::heading_bank`] fed while aligning, and what
+//! Heading from motion, for a vehicle that has nothing better: the bank of [`crate::filter::heading_bank`] fed while aligning, and what
 //! follows for the observer, which has no second direction then: it finds no attitude, so it follows instead of watching.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use crate::filter::{HeadingBank, HeadingBankSettings, HeadingEstimate};
 use crate::geo::so3;
-use crate::observer::{HeadingBank, HeadingBankSettings, HeadingEstimate};
 use crate::sample::ImuSample;
 use crate::time::ApTime;
 

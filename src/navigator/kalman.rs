@@ -4,8 +4,8 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
+use crate::filter::error_state::{Correction, Eskf, EskfSettings, EskfState, Lag, StartSigma};
 use crate::geo::so3;
-use crate::observer::eskf::{Correction, Eskf, EskfSettings, EskfState, Lag, StartSigma};
 use crate::time::{ApTime, Span};
 
 use super::Navigator;

@@ -35,10 +35,11 @@ mod xkf;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::HeightFilter;
+use crate::filter::HeadingBank;
+use crate::filter::error_state::EskfState;
 use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
-use crate::observer::eskf::EskfState;
 use crate::observer::fusini::FlowBiasForm;
-use crate::observer::{FusiniParams, GripParams, HeadingBank, ObserverState, Predictor, Scheme};
+use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
 use crate::sample::{ImuSample, Sample, VehicleStatus};
 use crate::time::{ApTime, Span};
 

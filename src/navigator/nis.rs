@@ -2,7 +2,7 @@
 //!
 //! Where the filter is honest the mean is 1 (each is counted per scalar). Well above: it is too sure of itself. Well below: too cautious.
 
-use crate::observer::eskf::Gated;
+use crate::filter::error_state::Gated;
 
 /// What was fused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

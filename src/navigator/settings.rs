@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::altimeter::{AltimeterKind, AltimeterSettings};
 use crate::camera::{CalibrationSettings, CameraMount, PatchLimits, PatchTable};
 
-use crate::observer::eskf::EskfSettings;
+use crate::filter::error_state::EskfSettings;
 
 use super::air::AirSettings;
 use super::budget::BudgetSettings;

@@ -13,12 +13,10 @@
 
 pub mod attitude;
 pub mod bias;
-pub mod eskf;
 pub mod euler_model;
 pub mod fusini;
 pub mod gains;
 pub mod grip;
-pub mod heading_bank;
 pub mod history;
 pub mod predictor;
 pub mod state;
@@ -29,7 +27,6 @@ pub use attitude::{Discretisation, Gate, MagneticPair};
 pub use fusini::{Aiding, AttitudeReference, FusiniBiases, FusiniInput, FusiniParams};
 pub use gains::{DeadReckoningGains, TranslationGains};
 pub use grip::{GripInput, GripParams};
-pub use heading_bank::{BankVerdict, HeadingBank, HeadingBankSettings, HeadingEstimate};
 pub use predictor::{FixSample, Innovation, Predictor, Scheme, Signal};
 pub use state::{ObserverState, StepRefusal, StepReport};
 pub use xkf::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};

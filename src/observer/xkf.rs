@@ -15,13 +15,13 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use super::eskf::Gated;
 use super::euler_model::{
     BF, BW, Dynamics, P, Row, THETA, V, angle_axes, body_velocity, difference, direction, rate_to_angles,
     turning_force,
 };
 pub use super::euler_model::{EulerState, STATES, XkfInput};
 use super::state::{StepRefusal, check};
+use crate::filter::error_state::Gated;
 use crate::geo::so3::wrap_pi;
 
 /// Noise and gates of the second stage.

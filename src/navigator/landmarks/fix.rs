@@ -8,9 +8,9 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
+use crate::filter::error_state::Lag;
 use crate::geo::so3;
 use crate::landmark::{LandmarkPose, Observability};
-use crate::observer::eskf::Lag;
 use crate::time::{ApTime, Span};
 
 use super::super::Navigator;

@@ -85,8 +85,9 @@ pub fn run(file: &Value, folder: &Path) -> Result<Outcome> {
                 .map_err(|e| format!("step {k}: {e}"))?;
         }
         let about = &trajectory[k].0;
-        let gated =
-            |axis: usize| move |g: holdover::observer::eskf::Gated| format!("step {k}, axis {axis}: {g:?}");
+        let gated = |axis: usize| {
+            move |g: holdover::filter::error_state::Gated| format!("step {k}, axis {axis}: {g:?}")
+        };
         if let Some((zp, zv)) = flight.fix(k).filter(|_| gnss) {
             for axis in 0..3 {
                 let e_p = zp[axis] - filter.state().position_ned[axis];
