@@ -1,0 +1,135 @@
+//! What carries a vehicle that has no flow: airspeed, rotor drag, standing still. Each against the same flight without it.
+
+use holdover::config::{Settings, Sources};
+use holdover::navigator::Navigator;
+use holdover::navigator::nis::Measured;
+use holdover::navigator::solution::{Carrier, Mode, Solution};
+use holdover::sample::{Airframe, Sample, VehicleStatus};
+use holdover::sim::models::AirspeedModel;
+use holdover::sim::{Scenario, SensorSuite, Simulation};
+use nalgebra::Vector3;
+
+/// Not a setting: the vehicle never says that it is armed.
+const DISARMED: &str = "disarmed";
+
+struct Flown {
+    /// Horizontal error at the end, m.
+    error_m: f64,
+    solution: Solution,
+    navigator: Navigator,
+}
+
+/// Flies `scenario` with GNSS gone from `from_s` to `to_s`, where it ends.
+fn fly(scenario: Scenario, suite: SensorSuite, seed: u64, (from_s, to_s): (f64, f64), set: &[&str]) -> Flown {
+    let overrides = set.iter().filter(|s| **s != DISARMED).map(|s| (*s).to_owned()).collect();
+    let settings = Settings::load(&Sources { overrides, ..Sources::default() }).unwrap();
+    let mut navigator = Navigator::new(settings.pipeline.navigator);
+    let simulation = Simulation::new(scenario.clone(), suite, seed);
+    let origin = simulation.frame().origin();
+    let mut truth = None;
+    for (k, reading) in simulation.take_while(|r| r.t_s <= to_s).enumerate() {
+        if k == 0 {
+            navigator.set_origin(reading.time, origin);
+        }
+        let mut status = scenario.status(reading.t_s);
+        if set.contains(&DISARMED) {
+            status.armed = Some(false);
+        }
+        navigator.set_status(status);
+        for sample in reading.samples.iter() {
+            match sample {
+                Sample::Gnss(fix) if reading.t_s >= from_s => navigator.mask_gnss(fix.time),
+                other => {
+                    navigator.ingest(other);
+                }
+            }
+        }
+        truth = Some(reading.truth);
+    }
+    let solution = navigator.solution().unwrap();
+    let error_m = (solution.position_ned - truth.unwrap().position_ned).xy().norm();
+    Flown { error_m, solution, navigator }
+}
+
+#[test]
+fn airspeed_carries_a_wing_in_wind() {
+    let wind = Vector3::new(4.0, -3.0, 0.0);
+    let scenario = Scenario::legs().with_wind(wind);
+    let suite = SensorSuite { flow: None, airspeed: Some(AirspeedModel::pitot()), ..SensorSuite::mems() };
+    for seed in 1..=3 {
+        let with = fly(scenario.clone(), suite, seed, (400.0, 520.0), &[]);
+        assert_eq!(with.solution.mode, Mode::Holdover);
+        assert_eq!(with.solution.carrier, Carrier::Airspeed);
+        assert!(with.error_m < 50.0, "seed {seed}: {} m of 3.2 km", with.error_m);
+        assert!(with.error_m < 3.0 * with.solution.horizontal_sigma_m(), "seed {seed}: {}", with.error_m);
+        let found = with.navigator.filter_state().unwrap().wind_ne;
+        assert!((found - wind.xy()).norm() < 1.0, "seed {seed}: wind {found}");
+        assert!(with.navigator.nis().of(Measured::Airspeed).fused > 1000);
+        // Such an IMU coasts well for two minutes, but who coasts cannot know that.
+        let without = fly(scenario.clone(), suite, seed, (400.0, 520.0), &["airspeed.use=false"]);
+        assert_eq!((without.solution.mode, without.solution.carrier), (Mode::Lost, Carrier::Inertial));
+        assert!(without.solution.horizontal_sigma_m() > 2.0 * with.solution.horizontal_sigma_m());
+    }
+}
+
+#[test]
+fn rotor_drag_carries_a_multirotor() {
+    let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
+    for seed in 1..=3 {
+        let with = fly(Scenario::square(), suite, seed, (150.0, 270.0), &[]);
+        assert_eq!((with.solution.mode, with.solution.carrier), (Mode::Holdover, Carrier::Drag));
+        assert!(with.error_m < 20.0, "seed {seed}: {} m", with.error_m);
+        let drag = with.navigator.filter_state().unwrap().drag;
+        assert!((drag - 0.3).abs() < 0.06, "seed {seed}: {drag}");
+        let without = fly(Scenario::square(), suite, seed, (150.0, 270.0), &["drag.use=false"]);
+        assert!(
+            without.error_m > 4.0 * with.error_m,
+            "seed {seed}: {} and {}",
+            without.error_m,
+            with.error_m
+        );
+        assert_ne!(without.solution.carrier, Carrier::Drag);
+    }
+}
+
+#[test]
+fn a_disarmed_vehicle_that_stands_does_not_drift() {
+    // The square flight stands for 20 s; here it never takes off.
+    let stand = Scenario::square().lasting(18.0);
+    let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
+    let flown = fly(stand, suite, 4, (10.0, 18.0), &[]);
+    assert_eq!((flown.solution.mode, flown.solution.carrier), (Mode::Holdover, Carrier::Standstill));
+    assert!(flown.solution.velocity_ned.norm() < 0.05, "{}", flown.solution.velocity_ned);
+    assert!(flown.navigator.nis().of(Measured::Standstill).fused > 50);
+}
+
+#[test]
+fn airspeed_is_not_for_multirotors_and_drag_not_for_wings() {
+    let settings = Settings::load(&Sources::default()).unwrap();
+    let mut navigator = Navigator::new(settings.pipeline.navigator);
+    let suite = SensorSuite { airspeed: Some(AirspeedModel::pitot()), ..SensorSuite::mems() };
+    for airframe in [Airframe::Multirotor, Airframe::FixedWing] {
+        navigator.set_status(VehicleStatus { airframe: Some(airframe), armed: Some(true) });
+        let before = [Measured::Airspeed, Measured::Drag].map(|m| navigator.nis().of(m).fused);
+        for reading in Simulation::new(Scenario::circles(), suite, 1).take_while(|r| r.t_s < 40.0) {
+            for sample in reading.samples.iter() {
+                navigator.ingest(sample);
+            }
+        }
+        let after = [Measured::Airspeed, Measured::Drag].map(|m| navigator.nis().of(m).fused);
+        let wing = airframe == Airframe::FixedWing;
+        assert_eq!(after[0] > before[0], wing);
+        assert_eq!(after[1] > before[1], !wing);
+        navigator.reboot(Simulation::ap_time(0.0));
+    }
+}
+
+#[test]
+fn a_vehicle_that_flies_while_it_says_that_it_is_disarmed_is_not_held_to_stand() {
+    let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
+    let flown = fly(Scenario::square(), suite, 2, (150.0, 200.0), &[DISARMED]);
+    assert_eq!(flown.solution.carrier, Carrier::Drag);
+    // Five a second and three axes in the 20 s before take-off, some while it lifts off slowly, and none after.
+    let count = flown.navigator.nis().of(Measured::Standstill).fused;
+    assert!((1..400).contains(&count), "{count}");
+}

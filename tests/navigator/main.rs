@@ -1,0 +1,25 @@
+//! The navigator on simulated flights: what it reaches, and what bad input does to it.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may fail like tests"
+)]
+
+#[path = "../support/command.rs"]
+mod command;
+#[path = "../support/data_sheet.rs"]
+mod data_sheet;
+#[path = "../support/flown.rs"]
+mod flown;
+#[path = "../support/sound.rs"]
+mod sound;
+
+mod aiding;
+mod allocation;
+mod bad_input;
+mod dead_reckoning;
+mod hostile;
+mod modes;
+mod patches;
+mod random_samples;

@@ -1,0 +1,379 @@
+//! The `holdover` command as a stranger uses it: every mistake has its exit code and a message that says what to do, and no
+//! log makes it panic.
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use crate::command::{COPTER, PX4, Ran, bytes_of, holdover, holdover_with, records, sitl_log, write_log};
+use serde_json::Value;
+use tempfile::{TempDir, tempdir};
+
+fn folder() -> TempDir {
+    tempdir().unwrap()
+}
+
+fn replay_json(path: &std::path::Path, more: &[&str]) -> Value {
+    replay(path, &[&["--json"], more].concat()).json()
+}
+
+fn replay(path: &std::path::Path, more: &[&str]) -> Ran {
+    let mut arguments = vec!["replay", path.to_str().unwrap()];
+    arguments.extend(more);
+    holdover(&arguments)
+}
+
+fn modes(report: &Value) -> Vec<&str> {
+    report["modes"].as_array().unwrap().iter().map(|m| m["mode"].as_str().unwrap()).collect()
+}
+
+#[test]
+fn a_path_that_is_no_log_is_named_with_what_it_is() {
+    let d = folder();
+    let file = |name: &str, bytes: &[u8]| write_log(d.path(), name, bytes);
+    let cases: &[(std::path::PathBuf, &str)] = &[
+        (d.path().join("nothing.tlog"), "nothing.tlog"),
+        (d.path().to_owned(), "directory"),
+        (file("empty.tlog", b""), "empty"),
+        (file("notes.tlog", b"dear diary, today the drone flew well\n"), "text file"),
+        (file("flight.ulg", b"ULog\x01\x12\x35\x01and more that is binary \x00\x01\x02"), "ULog"),
+        (file("flight.bin", b"\xA3\x95\x80\x80\x59FMT\x00BBnNZ and more\x00"), "dataflash"),
+        (file("noise.tlog", &[0x55; 4096]), "noise.tlog"),
+    ];
+    for command in ["replay", "inspect", "evaluate"] {
+        for (path, word) in cases {
+            let name = path.file_name().unwrap().to_str().unwrap();
+            holdover(&[command, path.to_str().unwrap()]).fails(3, &[name, word]);
+        }
+    }
+}
+
+#[test]
+fn a_log_cut_anywhere_is_read_to_its_end() {
+    let d = folder();
+    let bytes = bytes_of(&records(COPTER, 0.0, 40.0));
+    let whole = replay_json(&write_log(d.path(), "whole.tlog", &bytes), &[]);
+    assert_eq!(whole["skipped_bytes"], 0);
+    for cut in [1, 7, 9, 23, 31] {
+        let report = replay_json(&write_log(d.path(), "cut.tlog", &bytes[..bytes.len() - cut]), &[]);
+        assert!(report["frames"].as_u64() < whole["frames"].as_u64());
+        assert!(report["frames"].as_u64().unwrap() + 3 >= whole["frames"].as_u64().unwrap());
+    }
+    let text = replay(&d.path().join("cut.tlog"), &[]);
+    assert!(text.out.contains("ends in the middle of a record"), "{}", text.out);
+}
+
+#[test]
+fn flipped_bytes_cost_frames_and_are_counted() {
+    let d = folder();
+    let good = bytes_of(&records(COPTER, 0.0, 60.0));
+    let whole = replay_json(&write_log(d.path(), "good.tlog", &good), &[]);
+    let mut bytes = good;
+    let (mut at, mut flips) = (1000, 0);
+    while at < bytes.len() {
+        bytes[at] ^= 1 << (flips % 8);
+        flips += 1;
+        at += 4001;
+    }
+    let report = replay_json(&write_log(d.path(), "bad.tlog", &bytes), &[]);
+    let (before, after) = (whole["frames"].as_u64().unwrap(), report["frames"].as_u64().unwrap());
+    assert!(after < before && before - after <= 3 * flips, "{before} {after} {flips}");
+    assert!(report["bad_crc"].as_u64().unwrap() > flips / 2, "{report}");
+    assert!(modes(&report).contains(&"Aided"));
+}
+
+#[test]
+fn a_log_without_an_imu_says_what_it_holds_and_what_is_needed() {
+    let d = folder();
+    let mut kept = records(COPTER, 0.0, 60.0);
+    kept.retain(|r| !matches!(r.id(), 26 | 27 | 105 | 116 | 129));
+    let path = write_log(d.path(), "no-imu.tlog", &bytes_of(&kept));
+    replay(&path, &["--json"]).fails(4, &["no-imu.tlog", "no IMU", "GNSS", "optical flow", "HIGHRES_IMU"]);
+    let report = holdover(&["inspect", path.to_str().unwrap(), "--json"]).json();
+    assert!(report["lacks"].as_str().unwrap().contains("no IMU"));
+    let text = holdover(&["inspect", path.to_str().unwrap()]);
+    assert!(text.code == Some(0) && text.out.contains("nothing: no IMU"), "{}", text.out);
+}
+
+#[test]
+fn the_first_of_two_vehicles_is_followed_and_the_other_counted() {
+    let d = folder();
+    let one = records(COPTER, 0.0, 70.0);
+    let alone = replay_json(&write_log(d.path(), "one.tlog", &bytes_of(&one)), &[]);
+    let mut two = Vec::new();
+    for r in &one {
+        let mut other = r.clone();
+        other.set_system(2);
+        two.extend([r.clone(), other]);
+    }
+    let path = write_log(d.path(), "two.tlog", &bytes_of(&two));
+    let both = replay_json(&path, &[]);
+    assert_eq!(both["frames"].as_u64(), alone["frames"].as_u64().map(|n| 2 * n));
+    assert_eq!(both["aided"], alone["aided"]);
+    assert_eq!(both["modes"], alone["modes"]);
+    let text = replay(&path, &[]).out;
+    assert!(text.contains(&format!("{} wrong system", one.len())) && text.contains("(system 1)"), "{text}");
+    let text = replay(&path, &["--set", "vehicle.system_id=2"]).out;
+    assert!(text.contains("(system 2)"), "{text}");
+    replay(&path, &["--set", "vehicle.system_id=9"]).fails(3, &["system id 9", "heard"]);
+}
+
+#[test]
+fn a_reboot_in_the_middle_is_survived() {
+    let d = folder();
+    let mut pieces = records(COPTER, 60.0, 100.0);
+    pieces.extend(records(COPTER, 5.0, 60.0));
+    let path = write_log(d.path(), "reboot.tlog", &bytes_of(&pieces));
+    let report = replay_json(&path, &[]);
+    let aided = modes(&report).iter().filter(|m| **m == "Aided").count();
+    assert_eq!(aided, 2, "{report}");
+    let duration = report["duration_s"].as_f64().unwrap();
+    assert!((90.0..100.0).contains(&duration), "{duration}");
+    let mut last = 0.0;
+    for m in report["modes"].as_array().unwrap() {
+        let t = m["t_s"].as_f64().unwrap();
+        assert!(t >= last, "{report}");
+        last = t;
+    }
+    let text = replay(&path, &[]).out;
+    assert!(text.contains("rebooted 1 times"), "{text}");
+}
+
+#[test]
+fn values_that_cannot_be_are_counted_and_never_reach_the_solution() {
+    let d = folder();
+    let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38, -3e38, 1e9, f32::MIN_POSITIVE, -0.0];
+    for (name, ids) in [(COPTER, [105, 24, 29, 100, 132, 108]), (PX4, [105, 24, 29, 115, 132, 32])] {
+        let mut log = records(name, 0.0, 120.0);
+        let (mut n, mut hit) = (0usize, 0);
+        for r in log.iter_mut().filter(|r| ids.contains(&r.id())) {
+            n += 1;
+            // Let it find its feet; then one frame in ten has one wild word, which goes through all fields and all values.
+            if n < 3000 || !n.is_multiple_of(10) {
+                continue;
+            }
+            let payload = r.payload();
+            let words = payload.len() / 4;
+            let at = payload.start + 4 * ((n / 10) % words);
+            r.frame[at..at + 4].copy_from_slice(&values[(n / 10 / words) % values.len()].to_le_bytes());
+            r.seal();
+            hit += 1;
+        }
+        assert!(hit > 500);
+        let path = write_log(d.path(), "wild.tlog", &bytes_of(&log));
+        let out = d.path().join("out");
+        let report = replay_json(&path, &["--outage", "90..110", "--out", out.to_str().unwrap()]);
+        assert!(modes(&report).contains(&"Aided"), "{report}");
+        let text = replay(&path, &[]).out;
+        assert!(text.contains("not finite") && text.contains("absurd"), "{text}");
+        let csv = fs::read_to_string(out.join("solution.csv")).unwrap();
+        assert!(csv.lines().count() > 1000);
+        for line in csv.lines() {
+            assert!(!line.contains("NaN") && !line.contains("inf"), "{line}");
+        }
+    }
+}
+
+#[test]
+fn mistakes_on_the_command_line_are_explained() {
+    let log = sitl_log(COPTER);
+    for wrong in ["5", "5..", "..5", "9..3", "3..3", "-1..4", "a..b", "1..inf", "nan..2"] {
+        let ran = replay(&log, &[&format!("--outage={wrong}")]);
+        ran.fails(2, &["--outage", "A..B"]);
+    }
+    replay(&log, &["--estimator", "magic"]).fails(2, &["magic", "shipped", "inertial"]);
+    let log = log.to_str().unwrap();
+    holdover(&["evaluate", log, "--lengths", "0"]).fails(2, &["--lengths"]);
+    holdover(&["evaluate", log, "--lengths", "nan"]).fails(2, &["--lengths"]);
+    holdover(&["evaluate", log, "--starts", "0"]).fails(2, &["--starts"]);
+    holdover(&["evaluate", log, "--estimator", "shipped,magic"]).fails(2, &["magic"]);
+    holdover(&["fly"]).fails(2, &["fly"]);
+    holdover(&["replay"]).fails(2, &["LOG"]);
+    assert_eq!(holdover(&["--help"]).code, Some(0));
+    assert!(holdover(&["--version"]).out.starts_with("holdover "));
+}
+
+#[test]
+fn mistakes_in_the_configuration_name_the_file_and_the_key() {
+    let d = folder();
+    let check = |name: &str, text: &str| {
+        let path = write_log(d.path(), name, text.as_bytes());
+        holdover(&["check", "--config", path.to_str().unwrap()])
+    };
+    check("key.toml", "[outbound]\nrate = 5.0\n")
+        .fails(2, &["key.toml", "outbound.rate", "outbound.rate_hz"]);
+    check("section.toml", "[outbond]\nrate_hz = 5.0\n").fails(2, &["section.toml", "outbond"]);
+    check("type.toml", "[outbound]\nrate_hz = \"fast\"\n")
+        .fails(2, &["type.toml", "outbound.rate_hz", "number"]);
+    check("value.toml", "[gnss]\nloss_s = -3.0\n").fails(2, &["value.toml", "gnss.loss_s", "0.2"]);
+    check("word.toml", "[outbound]\npublish = \"maybe\"\n").fails(2, &["word.toml", "maybe", "never"]);
+    check("broken.toml", "[outbound\n").fails(2, &["broken.toml"]);
+    check("two.toml", "[gnss]\nloss_s = -3.0\n[flow]\nuse = 3\n").fails(2, &["gnss.loss_s", "flow.use"]);
+    check("end.toml", "[link]\nendpoints = [\"udp:somewhere\"]\n").fails(2, &["link.endpoints", "udpin:"]);
+    check("none.toml", "[link]\nendpoints = []\n").fails(2, &["link.endpoints"]);
+    holdover(&["check", "--config", "no-such.toml"]).fails(2, &["no-such.toml"]);
+    holdover(&["check", "--config", d.path().to_str().unwrap()]).fails(2, &[d.path().to_str().unwrap()]);
+    holdover(&["check", "--set", "outbound.rate_hz=fast"]).fails(2, &["--set", "outbound.rate_hz"]);
+    holdover(&["check", "--set", "nonsense"]).fails(2, &["key=value"]);
+    holdover_with(&["check"], &[("HOLDOVER_OUTBOUND__RAT", "1")]).fails(2, &["environment", "outbound.rat"]);
+}
+
+#[test]
+fn check_shows_what_is_in_force() {
+    let d = folder();
+    let path = write_log(d.path(), "mine.toml", b"[outbound]\nrate_hz = 20.0\npublish = \"never\"\n");
+    let path = path.to_str().unwrap();
+    let ran = holdover(&["check", "--config", path]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(
+        ran.out.contains("valid") && ran.out.contains("at 20 Hz") && ran.out.contains("Never"),
+        "{}",
+        ran.out
+    );
+    let variables = [("HOLDOVER_OUTBOUND__RATE_HZ", "40")];
+    assert!(holdover_with(&["check", "--config", path], &variables).out.contains("at 40 Hz"));
+    let ran = holdover_with(&["check", "--config", path, "--set", "outbound.rate_hz=50"], &variables);
+    assert!(ran.out.contains("at 50 Hz"));
+    assert!(holdover(&["check"]).out.contains("udpin:127.0.0.1:14550"));
+}
+
+const KEYS: [&str; 11] = [
+    "log",
+    "duration_s",
+    "frames",
+    "skipped_bytes",
+    "bad_crc",
+    "reference",
+    "estimator",
+    "aided",
+    "outages",
+    "modes",
+    "realtime_factor",
+];
+const AIDED: [&str; 6] = [
+    "position_rmse_m",
+    "velocity_rmse_mps",
+    "roll_rmse_deg",
+    "pitch_rmse_deg",
+    "yaw_rmse_deg",
+    "altitude_rmse_m",
+];
+const OUTAGE: [&str; 9] = [
+    "start_s",
+    "end_s",
+    "distance_m",
+    "horizontal_error_end_m",
+    "horizontal_error_max_m",
+    "drift_percent",
+    "altitude_rmse_m",
+    "sigma_end_m",
+    "sent_messages",
+];
+
+fn has_keys(value: &Value, keys: &[&str]) {
+    let found: BTreeSet<&str> = value.as_object().unwrap().keys().map(String::as_str).collect();
+    assert_eq!(found, keys.iter().copied().collect::<BTreeSet<_>>());
+}
+
+#[test]
+fn the_json_of_replay_has_every_key_and_numbers_that_can_be() {
+    let d = folder();
+    let path = write_log(d.path(), "a.tlog", &bytes_of(&records(COPTER, 0.0, 120.0)));
+    let report = replay_json(&path, &["--outage", "80..110", "--outage", "500..600"]);
+    has_keys(&report, &KEYS);
+    has_keys(&report["aided"], &AIDED);
+    let outages = report["outages"].as_array().unwrap();
+    assert_eq!(outages.len(), 2);
+    outages.iter().for_each(|o| has_keys(o, &OUTAGE));
+    assert_eq!(report["reference"], "truth");
+    assert_eq!(report["estimator"], "shipped");
+    let o = &outages[0];
+    assert!((30.0..400.0).contains(&o["distance_m"].as_f64().unwrap()), "{o}");
+    assert!(o["horizontal_error_end_m"].as_f64().unwrap() <= o["horizontal_error_max_m"].as_f64().unwrap());
+    assert!(o["sent_messages"].as_u64().unwrap() > 500, "{o}");
+    // The second lies beyond the log: nothing is known of it, which is not zero.
+    for key in &OUTAGE[2..8] {
+        assert_eq!(outages[1][key], Value::Null, "{key}");
+    }
+    assert_eq!(&modes(&report)[..2], ["Aided", "Holdover"]);
+    let aided = report["aided"]["position_rmse_m"].as_f64().unwrap();
+    assert!((0.01..3.0).contains(&aided), "{aided}");
+    let inertial = replay_json(&path, &["--outage", "80..110", "--estimator", "inertial"]);
+    assert_eq!(inertial["estimator"], "inertial");
+    assert_ne!(inertial["outages"][0]["horizontal_error_end_m"], o["horizontal_error_end_m"]);
+}
+
+#[test]
+fn the_same_log_twice_gives_the_same_bytes() {
+    let d = folder();
+    let path = write_log(d.path(), "a.tlog", &bytes_of(&records(PX4, 0.0, 100.0)));
+    let run = |out: &str| {
+        let out = d.path().join(out);
+        let ran = replay(&path, &["--json", "--outage", "60..90", "--out", out.to_str().unwrap()]);
+        let (head, tail) = ran.out.split_once("\"realtime_factor\":").unwrap();
+        let rest = tail.trim_start_matches(|c: char| c.is_ascii_digit() || ".eE+-".contains(c)).to_owned();
+        (head.to_owned(), rest, fs::read(out.join("solution.csv")).unwrap())
+    };
+    let (first, second) = (run("first"), run("second"));
+    assert!(first == second);
+    assert_eq!(first.1.trim_end(), "}");
+    assert!(first.2.len() > 10_000);
+}
+
+#[test]
+fn inspect_tells_what_is_in_a_log() {
+    let log = sitl_log(PX4);
+    let text = holdover(&["inspect", log.to_str().unwrap()]);
+    assert_eq!(text.code, Some(0));
+    for word in ["PX4 (system 1)", "IMU", "HIGHRES_IMU", "no optical flow", "simulator's truth"] {
+        assert!(text.out.contains(word), "no \"{word}\" in {}", text.out);
+    }
+    let report = holdover(&["inspect", log.to_str().unwrap(), "--json"]).json();
+    assert_eq!(report["autopilot"], "PX4");
+    assert_eq!(report["lacks"], Value::Null);
+    assert_eq!(report["truth"], true);
+    let samples = report["samples"].as_array().unwrap();
+    let imu = samples.iter().find(|s| s["kind"] == "IMU").unwrap();
+    assert!((100.0..130.0).contains(&imu["rate_hz"].as_f64().unwrap()));
+}
+
+#[test]
+fn evaluate_prints_one_row_an_outage() {
+    let log = sitl_log(COPTER);
+    let arguments = ["evaluate", log.to_str().unwrap(), "--lengths", "20", "--starts", "3", "--json"];
+    let report = holdover(&arguments).json();
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 6, "two estimators, three starts");
+    let keys = [
+        "log",
+        "estimator",
+        "length_s",
+        "start_s",
+        "distance_m",
+        "start_error_m",
+        "horizontal_error_end_m",
+        "horizontal_error_max_m",
+        "drift_percent",
+        "altitude_rmse_m",
+        "sigma_end_m",
+    ];
+    rows.iter().for_each(|r| has_keys(r, &keys));
+    assert_eq!(holdover(&arguments).json(), report, "whatever the threads did");
+    let text = holdover(&arguments[..6]).out;
+    assert!(text.contains("shipped") && text.contains("inertial") && text.contains("drift %"), "{text}");
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_panic() {
+    let log = sitl_log(COPTER);
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_holdover"))
+        .args(["inspect", log.to_str().unwrap()])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let err = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{err}");
+    assert!(err.is_empty(), "{err}");
+}

@@ -1,0 +1,114 @@
+//! The real `holdover` process.
+
+use std::ffi::OsStr;
+use std::io::{BufRead, BufReader};
+use std::net::SocketAddr;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::sleep;
+use std::time::Duration;
+
+/// A pseudo-terminal of this process that a child inherits stays open when it is closed here: no cable could be pulled.
+const CLOSE_ALL_AND_EXEC: &str = r#"for f in /proc/self/fd/*; do n=${f##*/}; if [ "$n" -gt 2 ]; then eval "exec $n>&-"; fi; done; exec "$0" "$@""#;
+
+/// Runs `program` without the pseudo-terminals of this process.
+pub fn alone(program: impl AsRef<OsStr>) -> Command {
+    let mut command = Command::new("bash");
+    command.args(["-c", CLOSE_ALL_AND_EXEC]).arg(program);
+    command
+}
+
+/// A running `holdover run`, killed when dropped.
+pub struct Holdover {
+    child: Child,
+    log: Arc<Mutex<Vec<String>>>,
+}
+
+impl Holdover {
+    /// Starts it with these arguments after `run`.
+    pub fn run(args: &[&str]) -> Self {
+        let mut child = alone(env!("CARGO_BIN_EXE_holdover"))
+            .arg("run")
+            .args(args)
+            // The flights are played many times as fast as they were flown, so queues and patience must be larger in proportion.
+            .args(["--set", "link.queue_frames=16384", "--set", "link.stale_output_ms=3000"])
+            .env_remove("HOLDOVER_LOG")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let stderr = child.stderr.take().unwrap();
+        let log = Arc::new(Mutex::new(Vec::new()));
+        let lines = Arc::clone(&log);
+        std::thread::spawn(move || {
+            for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                lines.lock().unwrap().push(line);
+            }
+        });
+        Self { child, log }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Everything it logged so far.
+    pub fn log(&self) -> String {
+        self.log.lock().unwrap().join("\n")
+    }
+
+    /// How many lines of its log hold `text`.
+    pub fn told(&self, text: &str) -> usize {
+        self.log.lock().unwrap().iter().filter(|l| l.contains(text)).count()
+    }
+
+    /// Waits for the `n`-th line with `text`, 10 s at most.
+    pub fn wait_for(&self, text: &str, n: usize) -> String {
+        for _ in 0..1000 {
+            let found = self.log.lock().unwrap().iter().filter(|l| l.contains(text)).nth(n - 1).cloned();
+            if let Some(line) = found {
+                return line;
+            }
+            sleep(Duration::from_millis(10));
+        }
+        panic!("\"{text}\" was not logged {n} times:\n{}", self.log());
+    }
+
+    /// The address that its first link listens at.
+    pub fn address(&self) -> SocketAddr {
+        let line = self.wait_for("listens at", 1);
+        line.rsplit(' ').next().unwrap().parse().unwrap()
+    }
+
+    /// Asks it to end.
+    pub fn terminate(&self) {
+        let status = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
+        assert!(status.success());
+    }
+
+    /// Waits for its end, `limit` at most.
+    pub fn exit(&mut self, limit: Duration) -> ExitStatus {
+        for _ in 0..limit.as_millis() / 5 {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            sleep(Duration::from_millis(5));
+        }
+        panic!("it does not end within {limit:?}:\n{}", self.log());
+    }
+
+    /// Ends it and checks that it ends well.
+    pub fn stop(&mut self) {
+        self.terminate();
+        let status = self.exit(Duration::from_secs(2));
+        assert_eq!(status.code(), Some(0), "{}", self.log());
+    }
+}
+
+impl Drop for Holdover {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

@@ -1,0 +1,11 @@
+//! Links and the daemon over real sockets and pseudo-terminals.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may fail like tests"
+)]
+
+mod daemon;
+mod links;
+mod live;
