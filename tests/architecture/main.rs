@@ -7,6 +7,9 @@
     reason = "helpers of tests may fail like tests"
 )]
 
+mod known;
+mod sizes;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -311,6 +314,52 @@ fn the_table_of_rooms_has_no_circles() {
     }
 }
 
+/// The rows of the documentation's table of rooms: what a line "| `room` | what lives there | may use |" says of a room.
+fn documented(text: &str) -> Vec<(String, Vec<String>)> {
+    let words = |cell: &str| -> Vec<String> {
+        cell.split([',', ' ', '`'])
+            .map(|w| w.trim_end_matches('/'))
+            .filter(|w| !w.is_empty())
+            .map(str::to_owned)
+            .collect()
+    };
+    text.lines()
+        .filter(|line| line.starts_with("| `"))
+        .filter_map(|line| {
+            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+            let [room, _, uses] = cells[..] else { return None };
+            let mut uses = words(uses);
+            uses.retain(|w| w != "–" && w != "-");
+            uses.sort();
+            Some((words(room).join(" "), uses))
+        })
+        .collect()
+}
+
+#[test]
+fn the_documentation_draws_the_same_house() {
+    let Ok(text) = fs::read_to_string(root().join("docs/src/architecture.md")) else { return };
+    let told = documented(&text);
+    let mut violations = Vec::new();
+    for (room, uses) in ROOMS.iter().filter(|(room, _)| !["main", "lib"].contains(room)) {
+        let mut uses: Vec<&str> = uses.to_vec();
+        uses.sort_unstable();
+        match told.iter().find(|(r, _)| r == room) {
+            None => violations.push(format!("docs/src/architecture.md: no row of {room}")),
+            Some((_, told)) if *told != uses => violations.push(format!(
+                "docs/src/architecture.md: {room} may use {}, not {}",
+                uses.join(", "),
+                told.join(", ")
+            )),
+            Some(_) => {}
+        }
+    }
+    for (room, _) in told.iter().filter(|(r, _)| !ROOMS.iter().any(|(room, _)| room == r)) {
+        violations.push(format!("docs/src/architecture.md: there is no room {room}"));
+    }
+    report(&violations);
+}
+
 #[test]
 fn every_file_says_what_it_is_and_is_short_enough_to_read() {
     let mut violations = Vec::new();
@@ -362,4 +411,9 @@ fn the_rules_can_be_broken() {
     assert!(names("use tokio::net;", "tokio") && !names("let tokios = 1;", "tokio"));
     let code = code_of("use a;\n// use tokio;\n#[cfg(test)]\nmod tests {\n    use rand;\n}\nuse b;\n");
     assert_eq!(code, [(1, "use a;".to_owned()), (7, "use b;".to_owned())]);
+    let rows = documented(
+        "| room | what | may use |\n|---|---|---|\n| `geo/` | Earth | `time`, sample |\n| `time` | stamps | – |\n",
+    );
+    let owned = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>();
+    assert_eq!(rows, [("geo".to_owned(), owned(&["sample", "time"])), ("time".to_owned(), vec![])]);
 }

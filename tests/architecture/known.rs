@@ -1,0 +1,89 @@
+//! What is larger than the rules allow, each with its size. These lists only shrink: whatever becomes smaller than its entry fails the
+//! test until the entry says so.
+
+/// Structures of the core with more than 15 fields.
+pub const FIELDS: &[(&str, usize)] =
+    &[("EskfSettings", 16), ("LandmarkSettings", 18), ("Navigator", 52), ("NavigatorSettings", 18)];
+
+/// Types of the core, by room, whose methods stand in more than 3 files.
+pub const IMPL_FILES: &[(&str, usize)] = &[("navigator::Navigator", 17)];
+
+/// Functions of more than 60 lines.
+pub const LINES: &[(&str, usize)] = &[
+    ("Altimeter::measure", 77),
+    ("Navigator::fix", 79),
+    ("Navigator::imu", 63),
+    ("Navigator::measure_image", 61),
+    ("Navigator::new", 77),
+    ("Navigator::observe", 73),
+    ("Raw::navigator", 80),
+    ("Raw::validate", 62),
+    ("explain", 73),
+    ("print_report", 118),
+    ("run", 81),
+];
+
+/// Functions of more than 15 branches.
+pub const BRANCHES: &[(&str, usize)] = &[
+    ("Altimeter::measure", 27),
+    ("Decoder::message", 28),
+    ("FaultCase::faults", 23),
+    ("Navigator::airspeed", 16),
+    ("Navigator::fix", 20),
+    ("Navigator::fix_by_landmarks", 16),
+    ("Navigator::imu", 16),
+    ("Navigator::observe", 16),
+    ("Summary::fmt", 19),
+    ("Walk::value", 21),
+    ("What::fmt", 26),
+    ("explain", 20),
+    ("solve_velocity", 16),
+    ("truth", 20),
+];
+
+/// Type names that stand in more than one file.
+pub const NAMES: &[(&str, usize)] = &[
+    ("Airspeed", 2),
+    ("Barometer", 2),
+    ("CameraMount", 2),
+    ("Dialect", 2),
+    ("Dynamics", 2),
+    ("Entry", 2),
+    ("Event", 2),
+    ("Feature", 2),
+    ("Flow", 2),
+    ("Frame", 2),
+    ("Gnss", 2),
+    ("Health", 2),
+    ("History", 2),
+    ("Imu", 2),
+    ("In", 2),
+    ("Innovation", 3),
+    ("Kalman", 2),
+    ("LandmarkCamera", 2),
+    ("Log", 2),
+    ("Magnetometer", 2),
+    ("Measured", 2),
+    ("Method", 2),
+    ("Motion", 2),
+    ("Out", 2),
+    ("Outbound", 2),
+    ("Pending", 2),
+    ("Profile", 2),
+    ("Question", 2),
+    ("Range", 2),
+    ("Raw", 2),
+    ("Row", 3),
+    ("Sample", 2),
+    ("Scheme", 2),
+    ("Score", 2),
+    ("Standing", 2),
+    ("Step", 2),
+    ("StepReport", 2),
+    ("Stream", 3),
+    ("StreamReport", 2),
+    ("Streams", 2),
+    ("Transition", 2),
+    ("Vehicle", 2),
+    ("Verdict", 2),
+];
