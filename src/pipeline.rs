@@ -6,10 +6,10 @@ use crate::navigator::settings::NavigatorSettings;
 use crate::navigator::solution::Solution;
 use crate::outbound::message::OutboundMessage;
 use crate::outbound::{Outbound, OutboundSettings, Profile};
-use crate::sample::Sample;
-use crate::time::ApTime;
-use crate::wire::clock::{AutopilotClock, ClockEvent};
-use crate::wire::decode::{Dialect, Item};
+use crate::sample::{Input, Sample};
+use crate::time::{ApTime, ClockEvent};
+use crate::wire::clock::AutopilotClock;
+use crate::wire::decode::Dialect;
 use crate::wire::protocol::identity::{AutopilotKind, Vehicle};
 
 /// Settings of one vehicle's navigation and output.
@@ -60,11 +60,11 @@ impl Pipeline {
     pub fn take(
         &mut self,
         clock: &AutopilotClock,
-        item: &Item,
+        item: &Input,
         out: &mut Vec<OutboundMessage>,
     ) -> Option<Solution> {
         match item {
-            Item::Sample(sample) => {
+            Input::Sample(sample) => {
                 self.navigator.ingest(sample);
                 if !matches!(sample, Sample::Imu(_)) {
                     return None;
@@ -79,13 +79,13 @@ impl Pipeline {
                 self.outbound.step(&solution, out);
                 Some(solution)
             }
-            Item::Reference(reference) => {
+            Input::Reference(reference) => {
                 if let Some(solution) = self.navigator.solution() {
                     self.outbound.reference(reference, &solution);
                 }
                 None
             }
-            Item::Origin(origin) => {
+            Input::Origin(origin) => {
                 if let Some(time) = clock.newest()
                     && self.navigator.set_origin(time, *origin)
                 {
@@ -93,16 +93,16 @@ impl Pipeline {
                 }
                 None
             }
-            Item::Status(status) => {
+            Input::Status(status) => {
                 self.navigator.set_status(*status);
                 None
             }
-            Item::Clock(ClockEvent::Reboot { after, .. }) => {
+            Input::Clock(ClockEvent::Reboot { after, .. }) => {
                 self.navigator.reboot(*after);
                 self.outbound.restart();
                 None
             }
-            Item::Clock(ClockEvent::Gap(_)) => None,
+            Input::Clock(ClockEvent::Gap(_)) => None,
         }
     }
 }
@@ -132,14 +132,14 @@ impl GnssMask {
 
     /// Takes note of an item, the first of which is time 0. The time of a GNSS sample that is to be withheld
     /// ([`Navigator::mask_gnss`]); `None` for everything that is to be used.
-    pub fn withholds(&mut self, item: &Item) -> Option<ApTime> {
+    pub fn withholds(&mut self, item: &Input) -> Option<ApTime> {
         let time = match item {
-            Item::Sample(sample) => sample.time(),
-            Item::Reference(reference) => reference.time(),
-            Item::Origin(_) | Item::Status(_) | Item::Clock(_) => return None,
+            Input::Sample(sample) => sample.time(),
+            Input::Reference(reference) => reference.time(),
+            Input::Origin(_) | Input::Status(_) | Input::Clock(_) => return None,
         };
         let t = time.seconds_since(*self.start.get_or_insert(time));
-        let gnss = matches!(item, Item::Sample(Sample::Gnss(_)));
+        let gnss = matches!(item, Input::Sample(Sample::Gnss(_)));
         (gnss && self.intervals.iter().any(|&(a, b)| a <= t && t < b)).then_some(time)
     }
 }

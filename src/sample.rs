@@ -7,7 +7,22 @@
 use nalgebra::{Quaternion, Vector3};
 
 use crate::geo::wgs84::Geodetic;
-use crate::time::{ApTime, Span};
+use crate::time::{ApTime, ClockEvent, Span};
+
+/// What the core is given, in the order in which it came: everything that live flight, replay and simulation have in common.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Input {
+    /// A measurement.
+    Sample(Sample),
+    /// Truth or the autopilot's own estimate.
+    Reference(Reference),
+    /// The origin of the autopilot's local frame; height above mean sea level.
+    Origin(Geodetic),
+    /// What the vehicle is, and whether it is armed: when that changes.
+    Status(VehicleStatus),
+    /// The autopilot rebooted, or its stream had a hole.
+    Clock(ClockEvent),
+}
 
 /// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]

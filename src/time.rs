@@ -43,6 +43,20 @@ pub struct Span(i64);
 /// A stamp on the autopilot's clock.
 pub type ApTime = Stamp<Autopilot>;
 
+/// What happened to the autopilot's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockEvent {
+    /// The autopilot has rebooted: its stamps start anew. The axis of [`ApTime`] goes on.
+    Reboot {
+        /// The last time before.
+        before: ApTime,
+        /// The first time after.
+        after: ApTime,
+    },
+    /// The stream had a hole of this length.
+    Gap(Span),
+}
+
 impl<C: Clock> Stamp<C> {
     /// The stamp `us` microseconds after the clock's zero.
     pub const fn from_micros(us: i64) -> Self {

@@ -9,9 +9,8 @@ use serde::Serialize;
 
 use crate::navigator::landmarks::LandmarkSetup;
 use crate::replay::log::Log;
-use crate::sample::{Airframe, Reference, Sample, SampleKind};
+use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::ApTime;
-use crate::wire::decode::Item;
 
 use super::table::Table;
 use super::{ConfigArgs, Failure};
@@ -141,21 +140,21 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
         },
         |_, item| {
             let time = match item {
-                Item::Sample(s) => {
+                Input::Sample(s) => {
                     if !matches!(s, Sample::Gnss(g) if g.position.is_none()) {
                         streams[s.kind() as usize].note(s.time());
                     }
                     s.time()
                 }
-                Item::Reference(r) => {
+                Input::Reference(r) => {
                     truth |= matches!(r, Reference::Truth(t) if t.position.is_some());
                     r.time()
                 }
-                Item::Status(status) => {
+                Input::Status(status) => {
                     airframe = status.airframe;
                     return;
                 }
-                Item::Origin(_) | Item::Clock(_) => return,
+                Input::Origin(_) | Input::Clock(_) => return,
             };
             span = Some(span.map_or((time, time), |(a, b)| (a, b.max(time))));
         },

@@ -18,10 +18,9 @@ use crate::navigator::settings::Estimator;
 use crate::navigator::solution::Solution;
 use crate::replay::log::{Log, LogSummary};
 use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
-use crate::sample::SampleKind;
+use crate::sample::{Input, SampleKind};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
-use crate::wire::decode::Item;
 
 use super::inspect::lacking;
 use super::table::{Table, number};
@@ -311,8 +310,8 @@ impl SolutionCsv {
         Ok(Self { file, failed: None, due: None })
     }
 
-    fn note(&mut self, runner: &Runner, item: &Item) {
-        let (Item::Sample(crate::sample::Sample::Imu(_)), Some(s)) = (item, runner.solution()) else {
+    fn note(&mut self, runner: &Runner, item: &Input) {
+        let (Input::Sample(crate::sample::Sample::Imu(_)), Some(s)) = (item, runner.solution()) else {
             return;
         };
         if self.failed.is_some() || self.due.is_some_and(|due| s.time < due) {

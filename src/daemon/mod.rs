@@ -20,12 +20,11 @@ use crate::config::{Settings, StreamSettings};
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline};
-use crate::sample::{Sample, SampleKind};
-use crate::time::{ApTime, Companion, Span, Stamp};
-use crate::wire::clock::ClockEvent;
+use crate::sample::{Input, Sample, SampleKind};
+use crate::time::{ApTime, ClockEvent, Companion, Span, Stamp};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
-use crate::wire::decode::{Decoder, Item, LANDING_TARGET};
+use crate::wire::decode::{Decoder, LANDING_TARGET};
 use crate::wire::encode::encode;
 use crate::wire::frame::{Frame, SystemId};
 use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
@@ -108,7 +107,7 @@ pub struct Daemon {
     solution: Option<Solution>,
     /// The newest time of the autopilot's, and when it came.
     newest: Option<(ApTime, Stamp<Companion>)>,
-    items: Vec<Item>,
+    items: Vec<Input>,
     messages: Vec<OutboundMessage>,
     counts: Counts,
     summed: Option<(Stamp<Companion>, [u64; SampleKind::ALL.len()])>,
@@ -252,8 +251,8 @@ impl Daemon {
         }
     }
 
-    fn item(&mut self, item: &Item, at: Stamp<Companion>) {
-        if let Item::Sample(sample) = item {
+    fn item(&mut self, item: &Input, at: Stamp<Companion>) {
+        if let Input::Sample(sample) = item {
             self.counts.heard[sample.kind() as usize] += 1;
         }
         if let Some(time) = self.mask.withholds(item) {
@@ -261,21 +260,21 @@ impl Daemon {
             return;
         }
         match item {
-            Item::Sample(Sample::Imu(_)) => {
+            Input::Sample(Sample::Imu(_)) => {
                 if let Some(news) = self.watch.heard(at) {
                     self.imu_news(news);
                 }
             }
-            Item::Origin(_) => {
+            Input::Origin(_) => {
                 if let Some(contact) = &mut self.contact {
                     contact.wishes.origin_heard();
                 }
             }
-            Item::Clock(ClockEvent::Reboot { .. }) => {
+            Input::Clock(ClockEvent::Reboot { .. }) => {
                 self.say(Weight::Warning, "the autopilot rebooted");
                 self.begin_anew();
             }
-            Item::Clock(ClockEvent::Gap(span)) => {
+            Input::Clock(ClockEvent::Gap(span)) => {
                 tracing::warn!("the autopilot's stamps have a gap of {:.1} s", span.seconds());
             }
             _ => {}

@@ -6,10 +6,11 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use crate::pipeline::dialect_of;
+use crate::sample::Input;
 use crate::time::Stamp;
 use crate::wire::clock::AutopilotClock;
 use crate::wire::counters::{Cause, Counters};
-use crate::wire::decode::{Decoder, Item};
+use crate::wire::decode::Decoder;
 use crate::wire::frame::{Frame, SystemId};
 use crate::wire::protocol::identity::{Identity, IdentityConfig, Vehicle};
 use crate::wire::tlog::{TlogReader, describe_foreign};
@@ -141,7 +142,7 @@ impl Log {
     pub fn play(
         &self,
         mut frame: impl FnMut(&Frame<'_>, u64),
-        mut item: impl FnMut(&AutopilotClock, &Item),
+        mut item: impl FnMut(&AutopilotClock, &Input),
     ) -> Result<LogSummary, LogError> {
         let io_error = |source| LogError::Io { path: self.path.clone(), source };
         let mut reader = TlogReader::new(File::open(&self.path).map_err(io_error)?);

@@ -9,10 +9,9 @@ use crate::navigator::event::{Event, What};
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline, PipelineSettings};
-use crate::sample::{GnssSample, Reference, Sample, SampleKind};
+use crate::sample::{GnssSample, Input, Reference, Sample, SampleKind};
 use crate::time::{ApTime, Span};
 use crate::wire::clock::AutopilotClock;
-use crate::wire::decode::Item;
 
 use super::log::{Log, LogError, LogSummary};
 
@@ -132,12 +131,12 @@ impl Runner {
     }
 
     /// Takes one item of the log. Returns what was sent because of it.
-    pub fn take(&mut self, clock: &AutopilotClock, item: &Item) -> &[OutboundMessage] {
+    pub fn take(&mut self, clock: &AutopilotClock, item: &Input) -> &[OutboundMessage] {
         self.sent.clear();
         let time = match item {
-            Item::Sample(s) => s.time(),
-            Item::Reference(r) => r.time(),
-            Item::Origin(_) | Item::Status(_) | Item::Clock(_) => {
+            Input::Sample(s) => s.time(),
+            Input::Reference(r) => r.time(),
+            Input::Origin(_) | Input::Status(_) | Input::Clock(_) => {
                 let mut sent = std::mem::take(&mut self.sent);
                 self.pipeline.take(clock, item, &mut sent);
                 self.sent = sent;
@@ -148,10 +147,10 @@ impl Runner {
         let withheld = self.mask.withholds(item);
         self.end = self.end.max(Some(time));
         let t = self.seconds(time);
-        if let Item::Sample(sample) = item {
+        if let Input::Sample(sample) = item {
             self.heard[sample.kind() as usize] += 1;
         }
-        if let Item::Sample(Sample::Gnss(fix)) = item {
+        if let Input::Sample(Sample::Gnss(fix)) = item {
             // The withheld fix is compared with, and never used.
             self.compare_with_gnss(fix, t);
         }
@@ -171,7 +170,7 @@ impl Runner {
                 }
             }
         }
-        if let Item::Reference(Reference::Truth(truth)) = item
+        if let Input::Reference(Reference::Truth(truth)) = item
             && let (Some(frame), Some(solution)) = (self.pipeline.navigator.frame(), &self.solution)
             && let Some(state) = ReferenceState::from_truth(truth, frame)
         {
@@ -261,7 +260,7 @@ pub fn run(
     settings: &PipelineSettings,
     outages: &[(f64, f64)],
     mut progress: impl FnMut(u64),
-    mut watch: impl FnMut(&Runner, &Item, &[OutboundMessage]),
+    mut watch: impl FnMut(&Runner, &Input, &[OutboundMessage]),
 ) -> Result<(Runner, LogSummary), LogError> {
     let mut runner = Runner::new(settings, outages);
     runner.pipeline.follow(log.vehicle());

@@ -5,9 +5,8 @@ use serde::Serialize;
 use crate::pipeline::PipelineSettings;
 use crate::replay::log::{Log, LogError};
 use crate::replay::runner::Runner;
-use crate::sample::{Reference, Sample};
+use crate::sample::{Input, Reference, Sample};
 use crate::time::ApTime;
-use crate::wire::decode::Item;
 
 /// One outage, scored.
 #[derive(Clone, Debug, Serialize)]
@@ -50,7 +49,7 @@ pub fn airborne(log: &Log) -> Result<Option<(f64, f64)>, LogError> {
         |_, _| {},
         |_, item| {
             let (time, source, height, speed) = match item {
-                Item::Sample(s) => {
+                Input::Sample(s) => {
                     start.get_or_insert(s.time());
                     match s {
                         Sample::Gnss(g) => match g.position {
@@ -62,7 +61,7 @@ pub fn airborne(log: &Log) -> Result<Option<(f64, f64)>, LogError> {
                         _ => return,
                     }
                 }
-                Item::Reference(r) => {
+                Input::Reference(r) => {
                     start.get_or_insert(r.time());
                     match r {
                         Reference::Truth(t) => match (t.position, t.velocity_ned) {
@@ -115,7 +114,7 @@ pub fn sweep(
         |_, _| {},
         |clock, item| {
             let now = match item {
-                Item::Sample(s) => Some(aided.seconds(s.time())),
+                Input::Sample(s) => Some(aided.seconds(s.time())),
                 _ => None,
             };
             if let Some(t) = now {

@@ -4,7 +4,7 @@
 //! 1970, and ArduPilot's OPTICAL_FLOW with *milliseconds* in a field called `time_usec`. A frame that is old, damaged or hostile
 //! must not move the axis; a reboot must. So a jump is believed only when `CONFIRM` stamps in a row agree on it.
 
-use crate::time::{ApTime, Span};
+use crate::time::{ApTime, ClockEvent, Span};
 
 use super::counters::Cause;
 
@@ -23,20 +23,6 @@ const UNIX_EPOCH_US: i64 = 1_000_000_000_000_000;
 /// Ten years of uptime: beyond it a stamp is no time since boot.
 const LONGEST_UPTIME_US: i64 = 10 * 366 * 86_400 * 1_000_000;
 const WRAP_MS: i64 = 1 << 32;
-
-/// What the clock has to tell besides the time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ClockEvent {
-    /// The autopilot has rebooted: stamps start anew. The axis goes on.
-    Reboot {
-        /// The last time before.
-        before: ApTime,
-        /// The first time after.
-        after: ApTime,
-    },
-    /// The stream had a hole of this length.
-    Gap(Span),
-}
 
 /// Maps the stamps of one autopilot onto [`ApTime`].
 #[derive(Clone, Debug, Default)]

@@ -7,8 +7,7 @@ use holdover::altimeter::{Channel, Fault};
 use holdover::config::{Settings, Sources};
 use holdover::navigator::verdict::Reason;
 use holdover::replay::log::Log;
-use holdover::sample::{GnssFix, Sample, SampleKind};
-use holdover::wire::decode::Item;
+use holdover::sample::{GnssFix, Input, Sample, SampleKind};
 
 const BARO_FAULTS: &str = "ardupilot-copter-baro-faults";
 const GPS_GLITCHES: &str = "ardupilot-copter-gps-glitches";
@@ -19,7 +18,7 @@ const FIRST_SAMPLE_S: f64 = 1.9;
 /// The published height does not move by more than this between two IMU samples beyond its climb, m.
 const STEP_M: f64 = 0.1;
 
-fn flown(name: &str, filter: &str, change: impl FnMut(f64, Item, &mut Vec<Item>)) -> crate::heights::Watch {
+fn flown(name: &str, filter: &str, change: impl FnMut(f64, Input, &mut Vec<Input>)) -> crate::heights::Watch {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sitl-logs").join(format!("{name}.tlog"));
     let sources = Sources { overrides: vec![format!("height.filter={filter}")], ..Sources::default() };
     let settings = Settings::load(&sources).unwrap().pipeline;
@@ -99,7 +98,7 @@ fn a_second_barometer_votes() {
     for step_m in [-8.0, 8.0] {
         let mut first = None;
         let h = flown(GPS_LOSS, "default", |t, mut item, heard| {
-            if let Item::Sample(Sample::Pressure(s)) = &mut item
+            if let Input::Sample(Sample::Pressure(s)) = &mut item
                 && *first.get_or_insert(s.sensor) == s.sensor
                 && (180.0..210.0).contains(&t)
             {
@@ -121,11 +120,11 @@ fn pressures_of_zero_and_heights_without_a_fix_are_refused_as_such() {
     let watch = flown(PX4_LOSS, "default", |t, mut item, heard| {
         if (100.0..120.0).contains(&t) {
             match &mut item {
-                Item::Sample(Sample::Pressure(s)) => {
+                Input::Sample(Sample::Pressure(s)) => {
                     s.pressure_pa = if zeros % 2 == 0 { 0.0 } else { f64::NAN };
                     zeros += 1;
                 }
-                Item::Sample(Sample::Gnss(s)) => {
+                Input::Sample(Sample::Gnss(s)) => {
                     s.fix = GnssFix::None;
                     s.position = s.position.map(|p| holdover::geo::Geodetic { height_m: 0.0, ..p });
                 }
@@ -147,7 +146,7 @@ fn pressures_of_zero_and_heights_without_a_fix_are_refused_as_such() {
 #[test]
 fn a_fix_with_a_height_of_zero_is_a_fault() {
     let h = flown(GPS_LOSS, "default", |t, mut item, heard| {
-        if let Item::Sample(Sample::Gnss(s)) = &mut item
+        if let Input::Sample(Sample::Gnss(s)) = &mut item
             && (90.0..110.0).contains(&t)
         {
             s.position = s.position.map(|p| holdover::geo::Geodetic { height_m: 0.0, ..p });

@@ -9,10 +9,9 @@ use holdover::navigator::solution::{Mode, Solution};
 use holdover::pipeline::PipelineSettings;
 use holdover::replay::log::{Log, LogError};
 use holdover::replay::runner::Runner;
-use holdover::sample::{PressureSample, Reference, Sample};
+use holdover::sample::{Input, PressureSample, Reference, Sample};
 use holdover::time::ApTime;
 use holdover::wire::clock::AutopilotClock;
-use holdover::wire::decode::Item;
 
 /// The barometer's zero is the mean of this long after alignment, s.
 const ZEROED_S: f64 = 5.0;
@@ -136,13 +135,13 @@ impl Watch {
     }
 
     /// One item of the log, to the pipeline.
-    pub fn take(&mut self, clock: &AutopilotClock, item: &Item) {
+    pub fn take(&mut self, clock: &AutopilotClock, item: &Input) {
         self.runner.take(clock, item);
         self.note_events();
         match item {
-            Item::Sample(Sample::Imu(_)) => self.follow(),
-            Item::Sample(Sample::Pressure(s)) => self.compare_with_baro(s),
-            Item::Reference(Reference::Truth(truth)) => {
+            Input::Sample(Sample::Imu(_)) => self.follow(),
+            Input::Sample(Sample::Pressure(s)) => self.compare_with_baro(s),
+            Input::Reference(Reference::Truth(truth)) => {
                 if let Some(position) = truth.position
                     && let Some(c) = self.compared(truth.time, position.height_m)
                 {
@@ -237,7 +236,7 @@ pub fn fly(
     log: &Log,
     settings: &PipelineSettings,
     outages: &[(f64, f64)],
-    mut change: impl FnMut(f64, Item, &mut Vec<Item>),
+    mut change: impl FnMut(f64, Input, &mut Vec<Input>),
 ) -> Result<Watch, LogError> {
     let mut watch = Watch::new(log, settings, outages);
     let mut heard = Vec::new();

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use crate::command::holdover;
-use holdover::sample::{LandmarkSample, Sample, Sighting};
+use holdover::sample::{Input, LandmarkSample, Sample, Sighting};
 use holdover::time::ApTime;
 use holdover::wire::counters::Cause;
-use holdover::wire::decode::{Decoder, Dialect, Item};
+use holdover::wire::decode::{Decoder, Dialect};
 use holdover::wire::encode_vehicle;
 use holdover::wire::frame::{ComponentId, SystemId};
 use holdover::wire::protocol::Address;
@@ -87,7 +87,7 @@ fn decoder() -> Decoder {
     decoder
 }
 
-fn hear(decoder: &mut Decoder, system: u8, component: u8, message: &MavMessage) -> Vec<Item> {
+fn hear(decoder: &mut Decoder, system: u8, component: u8, message: &MavMessage) -> Vec<Input> {
     let from = Address { system: SystemId(system), component: ComponentId(component) };
     let bytes = FrameWriter::new(from).write(message).unwrap();
     let mut items = Vec::new();
@@ -110,7 +110,7 @@ fn landing_target_of_any_component_of_the_vehicle_is_a_sighting() {
     {
         let sample = LandmarkSample { time, camera: component, id: 7, sighting };
         let items = hear(&mut decoder(), 1, component, &message(&sample));
-        assert_eq!(items, [Item::Sample(Sample::Landmark(sample))]);
+        assert_eq!(items, [Input::Sample(Sample::Landmark(sample))]);
         let mut other = decoder();
         assert!(hear(&mut other, 2, component, &message(&sample)).is_empty());
         assert_eq!(other.counters().of(Cause::WrongSystem), 1);
@@ -126,7 +126,7 @@ fn stamps_of_another_clock_and_frames_that_are_not_the_vehicles_are_counted() {
     assert_eq!((decoder.counters().of(Cause::Stale), decoder.clock().reboots()), (20, 0));
     // Microseconds since 1970 are understood.
     let unix = hear(&mut decoder, 1, 100, &message(&at(1_790_000_019_990_000)));
-    assert_eq!(unix, [Item::Sample(Sample::Landmark(at(19_990_000)))]);
+    assert_eq!(unix, [Input::Sample(Sample::Landmark(at(19_990_000)))]);
     let mut in_frame = |frame, x| {
         let MavMessage::LANDING_TARGET(mut m) = message(&at(19_990_000)) else { panic!("no LANDING_TARGET") };
         (m.frame, m.x) = (frame, x);

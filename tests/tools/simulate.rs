@@ -6,11 +6,10 @@ use std::path::Path;
 use crate::command::{Ran, holdover};
 use holdover::geo::LocalNed;
 use holdover::replay::log::Log;
-use holdover::sample::{FlowRotation, Reference, Sample, TruthState, VehicleStatus};
+use holdover::sample::{FlowRotation, Input, Reference, Sample, TruthState, VehicleStatus};
 use holdover::sim::models::{AirspeedModel, ImuModel};
 use holdover::sim::{Scenario, SensorSuite, Simulation};
 use holdover::time::{ApTime, Span};
-use holdover::wire::decode::Item;
 use nalgebra::{Matrix3, UnitQuaternion};
 use tempfile::{TempDir, tempdir};
 
@@ -43,10 +42,10 @@ fn decode(path: &Path) -> Decoded {
         .play(
             |_, _| {},
             |_, item| match item {
-                Item::Sample(s) => d.samples.push(*s),
-                Item::Reference(Reference::Truth(t)) => d.truth.push(*t),
-                Item::Origin(_) => d.origins += 1,
-                Item::Status(s) => d.statuses.push(*s),
+                Input::Sample(s) => d.samples.push(*s),
+                Input::Reference(Reference::Truth(t)) => d.truth.push(*t),
+                Input::Origin(_) => d.origins += 1,
+                Input::Status(s) => d.statuses.push(*s),
                 other => panic!("{other:?}"),
             },
         )

@@ -4,12 +4,13 @@ use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::Vector3;
 
 use crate::sample::{
-    AirspeedSample, FlowRotation, FlowSample, LandmarkSample, RangeDirection, RangeSample, Sample, Sighting,
+    AirspeedSample, FlowRotation, FlowSample, Input, LandmarkSample, RangeDirection, RangeSample, Sample,
+    Sighting,
 };
 use crate::time::Span;
 
 use super::super::frame::ComponentId;
-use super::{Cause, Decoder, Item, Out, finite, within};
+use super::{Cause, Decoder, Out, finite, within};
 
 /// Flow faster than this is no flow, rad/s (good sensors end at 7).
 const MAX_FLOW: f64 = 50.0;
@@ -48,7 +49,7 @@ impl Decoder {
             quality,
             distance_m: None,
         };
-        out.push(Item::Sample(Sample::Flow(sample)));
+        out.push(Input::Sample(Sample::Flow(sample)));
         Ok(())
     }
 
@@ -84,7 +85,7 @@ impl Decoder {
             quality: f64::from(m.quality) / 255.0,
             distance_m: (distance.is_finite() && distance > 0.0).then_some(distance),
         };
-        out.push(Item::Sample(Sample::Flow(sample)));
+        out.push(Input::Sample(Sample::Flow(sample)));
         Ok(())
     }
 
@@ -109,7 +110,7 @@ impl Decoder {
         let limits_m = (m.max_distance > m.min_distance).then(|| [cm(m.min_distance), cm(m.max_distance)]);
         let sample =
             RangeSample { time, sensor: m.id, direction, distance_m: cm(m.current_distance), limits_m };
-        out.push(Item::Sample(Sample::Range(sample)));
+        out.push(Input::Sample(Sample::Range(sample)));
         Ok(())
     }
 
@@ -118,7 +119,7 @@ impl Decoder {
         let distance_m = within(m.distance, -1.0, 1e4)?;
         if self.range.take(1, time) && distance_m > 0.0 {
             let direction = RangeDirection::Down;
-            out.push(Item::Sample(Sample::Range(RangeSample {
+            out.push(Input::Sample(Sample::Range(RangeSample {
                 time,
                 sensor: 0,
                 direction,
@@ -138,7 +139,7 @@ impl Decoder {
             return Ok(());
         }
         let airspeed_mps = within(airspeed, -5.0, 200.0)?;
-        out.push(Item::Sample(Sample::Airspeed(AirspeedSample { time, airspeed_mps })));
+        out.push(Input::Sample(Sample::Airspeed(AirspeedSample { time, airspeed_mps })));
         Ok(())
     }
 
@@ -172,7 +173,7 @@ impl Decoder {
             }
         };
         let sample = LandmarkSample { time, camera: from.0, id: m.target_num, sighting };
-        out.push(Item::Sample(Sample::Landmark(sample)));
+        out.push(Input::Sample(Sample::Landmark(sample)));
         Ok(())
     }
 }

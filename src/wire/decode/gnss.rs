@@ -3,9 +3,9 @@
 use mavlink::dialects::ardupilotmega as apm;
 
 use crate::geo::Geodetic;
-use crate::sample::{GnssFix, GnssSample, GroundVelocity, Sample};
+use crate::sample::{GnssFix, GnssSample, GroundVelocity, Input, Sample};
 
-use super::{Cause, Decoder, Item, Out};
+use super::{Cause, Decoder, Out};
 
 /// What GPS_RAW_INT and GPS2_RAW have in common.
 struct Raw {
@@ -67,7 +67,7 @@ impl Decoder {
             speed_accuracy_mps: accuracy(raw.acc_mm[2]),
             satellites: (raw.satellites != u8::MAX).then_some(raw.satellites),
         };
-        out.push(Item::Sample(Sample::Gnss(sample)));
+        out.push(Input::Sample(Sample::Gnss(sample)));
         Ok(())
     }
 }

@@ -3,10 +3,10 @@
 use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::Vector3;
 
-use crate::sample::{ImuSample, MagSample, PressureSample, Sample};
+use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
 use crate::time::ApTime;
 
-use super::{Cause, Decoder, Item, Out, finite, within};
+use super::{Cause, Decoder, Out, finite, within};
 
 /// Standard gravity: what "milli-g" in SCALED_IMU means, m/s².
 const STANDARD_GRAVITY: f64 = 9.806_65;
@@ -33,7 +33,7 @@ impl Decoder {
         if m.fields_updated.contains(apm::HighresImuUpdatedFlags::HIGHRES_IMU_UPDATED_ABS_PRESSURE)
             && self.pressure.take(1, time)
         {
-            out.push(Item::Sample(pressure_sample(time, 0, m.abs_pressure)?));
+            out.push(Input::Sample(pressure_sample(time, 0, m.abs_pressure)?));
         }
         Ok(())
     }
@@ -98,7 +98,7 @@ impl Decoder {
         }
         let used = self.imu.take(rank, time);
         if used {
-            out.push(Item::Sample(Sample::Imu(ImuSample { time, angular_rate_body, specific_force_body })));
+            out.push(Input::Sample(Sample::Imu(ImuSample { time, angular_rate_body, specific_force_body })));
         }
         Ok(used)
     }
@@ -109,7 +109,7 @@ impl Decoder {
         if sensor == 0 {
             self.pressure.take(0, time);
         }
-        out.push(Item::Sample(sample));
+        out.push(Input::Sample(sample));
         Ok(())
     }
 }
@@ -125,6 +125,6 @@ fn magnetic(time: ApTime, sensor: u8, field_body: Vector3<f64>, out: Out<'_>) ->
         // Before its first measurement a magnetometer is reported as zero: no news, not a fault.
         return if field_body == Vector3::zeros() { Ok(()) } else { Err(Cause::Absurd) };
     }
-    out.push(Item::Sample(Sample::Mag(MagSample { time, sensor, field_body })));
+    out.push(Input::Sample(Sample::Mag(MagSample { time, sensor, field_body })));
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Frames of one vehicle to [`Sample`]s and [`Reference`]s: SI units, named frames, the autopilot's time.
+//! Frames of one vehicle to [`Input`]s: SI units, named frames, the autopilot's time.
 //!
 //! Every value is checked here once: what is not finite or not possible is counted and goes no further. Vehicles send the same
 //! measurement several times (HIGHRES_IMU and RAW_IMU, say); `Preference` takes the best source that is alive.
@@ -12,28 +12,12 @@ mod status;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
-use crate::geo::Geodetic;
-use crate::sample::{Reference, Sample, VehicleStatus};
+use crate::sample::{Input, VehicleStatus};
 use crate::time::{ApTime, Span};
 
-use super::clock::{AutopilotClock, ClockEvent};
+use super::clock::AutopilotClock;
 use super::counters::{Cause, Counters};
 use super::frame::{ComponentId, Frame, SystemId, cause_of};
-
-/// What one frame told.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Item {
-    /// A measurement.
-    Sample(Sample),
-    /// Truth or the autopilot's own estimate.
-    Reference(Reference),
-    /// The origin of the autopilot's local frame (GPS_GLOBAL_ORIGIN); height above mean sea level.
-    Origin(Geodetic),
-    /// What the vehicle is, and whether it is armed: when that changes.
-    Status(VehicleStatus),
-    /// The autopilot rebooted, or its stream had a hole.
-    Clock(ClockEvent),
-}
 
 /// How the two autopilots fill the same messages differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +49,7 @@ pub struct Decoder {
 /// The message that cameras tell of landmarks with: the one that other components of the vehicle are listened to for.
 pub const LANDING_TARGET: u32 = 149;
 
-type Out<'a> = &'a mut Vec<Item>;
+type Out<'a> = &'a mut Vec<Input>;
 
 impl Decoder {
     /// A decoder that follows no vehicle yet.
@@ -105,7 +89,7 @@ impl Decoder {
     }
 
     /// Decodes `frame` and appends what it told to `out`. Frames of other systems, and anything rejected, are counted.
-    pub fn decode(&mut self, frame: &Frame<'_>, out: &mut Vec<Item>) {
+    pub fn decode(&mut self, frame: &Frame<'_>, out: &mut Vec<Input>) {
         if self.vehicle != Some((frame.system(), frame.component())) {
             if self.vehicle.is_none_or(|(system, _)| system != frame.system()) {
                 return self.counters.count(Cause::WrongSystem);
@@ -128,7 +112,7 @@ impl Decoder {
         }
         if let Some(event) = self.clock.take_event() {
             // Before the sample that revealed it.
-            out.insert(0, Item::Clock(event));
+            out.insert(0, Input::Clock(event));
         }
     }
 
@@ -143,7 +127,7 @@ impl Decoder {
             MavMessage::SCALED_IMU3(m) => self.scaled_imu3(m, out),
             MavMessage::GPS_RAW_INT(m) => self.gps_raw_int(m, out),
             MavMessage::GPS2_RAW(m) => self.gps2_raw(m, out),
-            MavMessage::GPS_GLOBAL_ORIGIN(m) => gnss::origin(m).map(|o| out.push(Item::Origin(o))),
+            MavMessage::GPS_GLOBAL_ORIGIN(m) => gnss::origin(m).map(|o| out.push(Input::Origin(o))),
             MavMessage::SCALED_PRESSURE(m) => {
                 self.differential_pressure(m.press_diff);
                 self.pressure(0, m.time_boot_ms, m.press_abs, out)

@@ -4,9 +4,9 @@ use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::geo::Geodetic;
-use crate::sample::{Reference, TruthState};
+use crate::sample::{Input, Reference, TruthState};
 
-use super::{Cause, Decoder, Item, Out, finite};
+use super::{Cause, Decoder, Out, finite};
 
 /// Further from its origin, or faster, no vehicle of this kind gets.
 const MAX_LOCAL_M: f64 = 1e6;
@@ -35,7 +35,7 @@ impl Decoder {
         let angles = finite(m.roll, m.pitch, m.yaw)?;
         let q = UnitQuaternion::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
         let state = TruthState { time, body_to_ned: Some(q), position: None, velocity_ned: None };
-        out.push(Item::Reference(Reference::Truth(state)));
+        out.push(Input::Reference(Reference::Truth(state)));
         Ok(())
     }
 
@@ -55,7 +55,7 @@ impl Decoder {
         let angles = finite(m.roll, m.pitch, m.yaw)?;
         if self.attitude.take(1, time) {
             let body_to_ned = UnitQuaternion::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
-            out.push(Item::Reference(Reference::Attitude { time, body_to_ned }));
+            out.push(Input::Reference(Reference::Attitude { time, body_to_ned }));
         }
         Ok(())
     }
@@ -68,7 +68,7 @@ impl Decoder {
         let time = self.clock.boot_ms(m.time_boot_ms)?;
         let body_to_ned = unit([m.q1, m.q2, m.q3, m.q4])?;
         self.attitude.take(0, time);
-        out.push(Item::Reference(Reference::Attitude { time, body_to_ned }));
+        out.push(Input::Reference(Reference::Attitude { time, body_to_ned }));
         Ok(())
     }
 
@@ -83,7 +83,7 @@ impl Decoder {
         if position_ned.amax() > MAX_LOCAL_M || velocity_ned.amax() > MAX_LOCAL_MPS {
             return Err(Cause::Absurd);
         }
-        out.push(Item::Reference(Reference::Local { time, position_ned, velocity_ned }));
+        out.push(Input::Reference(Reference::Local { time, position_ned, velocity_ned }));
         Ok(())
     }
 
@@ -102,7 +102,7 @@ impl Decoder {
             return Err(Cause::Absurd);
         }
         let velocity_ned = Vector3::new(f64::from(m.vx), f64::from(m.vy), f64::from(m.vz)) * 0.01;
-        out.push(Item::Reference(Reference::Global { time, position, velocity_ned }));
+        out.push(Input::Reference(Reference::Global { time, position, velocity_ned }));
         Ok(())
     }
 }
@@ -119,7 +119,7 @@ fn truth(
         return Err(if height_m.is_finite() { Cause::Absurd } else { Cause::NotFinite });
     }
     let state = TruthState { time, body_to_ned: Some(unit(q)?), position: Some(position), velocity_ned };
-    out.push(Item::Reference(Reference::Truth(state)));
+    out.push(Input::Reference(Reference::Truth(state)));
     Ok(())
 }
 

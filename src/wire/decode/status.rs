@@ -2,9 +2,9 @@
 
 use mavlink::dialects::ardupilotmega as apm;
 
-use crate::sample::{Airframe, VehicleStatus};
+use crate::sample::{Airframe, Input, VehicleStatus};
 
-use super::{Cause, Decoder, Item, Out};
+use super::{Cause, Decoder, Out};
 
 /// A differential pressure beyond this is one, hPa: 4 m/s.
 const SOME_PRESSURE_HPA: f32 = 0.1;
@@ -16,7 +16,7 @@ impl Decoder {
         let status = VehicleStatus { airframe: airframe(m.mavtype as u8), armed: Some(armed) };
         if self.status != Some(status) {
             self.status = Some(status);
-            out.push(Item::Status(status));
+            out.push(Input::Status(status));
         }
         Ok(())
     }

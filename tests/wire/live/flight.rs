@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use holdover::sample::Input;
 use holdover::time::ApTime;
-use holdover::wire::decode::Item;
 use holdover::wire::frame::{Frame, Scan, scan};
 use holdover::wire::tlog::TlogReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
@@ -75,8 +75,8 @@ impl Flight {
             |_, _| {},
             |_, item| {
                 let time = match item {
-                    Item::Sample(s) => s.time(),
-                    Item::Reference(r) => r.time(),
+                    Input::Sample(s) => s.time(),
+                    Input::Reference(r) => r.time(),
                     _ => return,
                 };
                 start.get_or_insert(time);
