@@ -1,4 +1,4 @@
-//! Items in, messages out: the part that live flight, replay and simulation share.
+//! Inputs in, messages out: the part that live flight, replay and simulation share.
 
 use crate::geo::magnetic::decimal_year_from_unix_us;
 use crate::navigator::Navigator;
@@ -9,8 +9,7 @@ use crate::outbound::{Outbound, OutboundSettings, Profile};
 use crate::sample::{Input, Sample};
 use crate::time::{ApTime, ClockEvent};
 use crate::wire::clock::AutopilotClock;
-use crate::wire::decode::Dialect;
-use crate::wire::protocol::identity::{AutopilotKind, Vehicle};
+use crate::wire::session::identity::{AutopilotKind, Vehicle};
 
 /// Settings of one vehicle's navigation and output.
 #[derive(Clone, Debug)]
@@ -56,14 +55,14 @@ impl Pipeline {
         }));
     }
 
-    /// Takes one decoded item and appends what is to be sent. Returns the new solution after an IMU sample.
+    /// Takes one input and appends what is to be sent. Returns the new solution after an IMU sample.
     pub fn take(
         &mut self,
         clock: &AutopilotClock,
-        item: &Input,
+        input: &Input,
         out: &mut Vec<OutboundMessage>,
     ) -> Option<Solution> {
-        match item {
+        match input {
             Input::Sample(sample) => {
                 self.navigator.ingest(sample);
                 if !matches!(sample, Sample::Imu(_)) {
@@ -130,26 +129,16 @@ impl GnssMask {
         self.start.map_or(0.0, |s| time.seconds_since(s))
     }
 
-    /// Takes note of an item, the first of which is time 0. The time of a GNSS sample that is to be withheld
+    /// Takes note of an input, the first of which is time 0. The time of a GNSS sample that is to be withheld
     /// ([`Navigator::mask_gnss`]); `None` for everything that is to be used.
-    pub fn withholds(&mut self, item: &Input) -> Option<ApTime> {
-        let time = match item {
+    pub fn withholds(&mut self, input: &Input) -> Option<ApTime> {
+        let time = match input {
             Input::Sample(sample) => sample.time(),
             Input::Reference(reference) => reference.time(),
             Input::Origin(_) | Input::Status(_) | Input::Clock(_) => return None,
         };
         let t = time.seconds_since(*self.start.get_or_insert(time));
-        let gnss = matches!(item, Input::Sample(Sample::Gnss(_)));
+        let gnss = matches!(input, Input::Sample(Sample::Gnss(_)));
         (gnss && self.intervals.iter().any(|&(a, b)| a <= t && t < b)).then_some(time)
-    }
-}
-
-/// How this vehicle's autopilot fills its messages.
-pub fn dialect_of(vehicle: &Vehicle) -> Dialect {
-    let ardupilot = vehicle.autopilot == AutopilotKind::ArduPilot;
-    Dialect {
-        raw_imu_is_scaled: ardupilot,
-        flow_comp_is_rate: ardupilot,
-        airspeed_may_be_estimate: vehicle.autopilot != AutopilotKind::Px4,
     }
 }

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
-use mavlink::Message;
 use serde::Serialize;
 
 use crate::navigator::landmarks::LandmarkSetup;
 use crate::replay::log::Log;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::ApTime;
+use crate::wire::frame::Frame;
+use crate::wire::messages;
 
 use super::table::Table;
 use super::{ConfigArgs, Failure};
@@ -205,9 +206,9 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn name_of(frame: &crate::wire::frame::Frame<'_>) -> String {
-    mavlink::dialects::ardupilotmega::MavMessage::default_message_from_id(frame.message_id())
-        .map_or_else(|| format!("unknown ({})", frame.message_id()), |m| m.message_name().to_owned())
+fn name_of(frame: &Frame<'_>) -> String {
+    let id = frame.message_id();
+    messages::name_of(id).map_or_else(|| format!("unknown ({id})"), str::to_owned)
 }
 
 fn abilities(

@@ -6,7 +6,7 @@ use crate::geo::{Geodetic, LocalNed};
 use crate::sample::{LandmarkSample, Sample, Sighting};
 use crate::sim::{LandmarkCamera, MarkerField, Scenario, SeenLandmark, Simulation};
 use crate::wire::frame::{ComponentId, SystemId};
-use crate::wire::protocol::Address;
+use crate::wire::session::Address;
 
 use super::Failure;
 

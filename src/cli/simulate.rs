@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
 use crate::sim::models::{AirspeedModel, GnssOutage, ImuModel, OutageKind, RangeModel};
 use crate::sim::{Environment, MarkerWatch, Reading, Scenario, SensorSuite, Simulation, Truth};
 use crate::wire::encode_vehicle::{self, VehicleTruth};
 use crate::wire::frame::{ComponentId, SystemId};
-use crate::wire::protocol::Address;
-use crate::wire::protocol::identity::AutopilotKind;
+use crate::wire::messages::Message;
+use crate::wire::session::Address;
+use crate::wire::session::identity::AutopilotKind;
 use crate::wire::tlog_writer::TlogWriter;
 
 use super::Failure;
@@ -232,7 +232,7 @@ struct Recorder<W> {
     log: TlogWriter<W>,
     steps: u64,
     /// Of one step; kept for its memory.
-    messages: Vec<MavMessage>,
+    messages: Vec<Message>,
 }
 
 impl<W: Write> Recorder<W> {
@@ -297,7 +297,7 @@ impl<W: Write> Recorder<W> {
         }
     }
 
-    fn truth(&self, truth: &Truth) -> Option<MavMessage> {
+    fn truth(&self, truth: &Truth) -> Option<Message> {
         let world: &Environment = &self.simulation.scenario().environment;
         let felt = world.imu_at(truth);
         let truth = VehicleTruth {

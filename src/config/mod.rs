@@ -17,6 +17,7 @@ use crate::outbound::Profile;
 use crate::pipeline::PipelineSettings;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
+use crate::wire::session::requests::StreamSettings;
 
 pub use error::{ConfigError, Problem};
 use limits::Schema;
@@ -62,31 +63,6 @@ pub struct LinkSettings {
     pub queue_frames: usize,
     /// See the defaults.
     pub stale_output_ms: u64,
-}
-
-/// Message rates to ask for, Hz; 0 does not ask.
-#[derive(Clone, Copy, Debug)]
-pub struct StreamSettings {
-    /// Ask at all.
-    pub request: bool,
-    /// IMU.
-    pub imu_hz: f64,
-    /// GNSS.
-    pub gnss_hz: f64,
-    /// Barometer.
-    pub pressure_hz: f64,
-    /// Optical flow.
-    pub flow_hz: f64,
-    /// Rangefinder.
-    pub range_hz: f64,
-    /// The autopilot's local position.
-    pub local_position_hz: f64,
-    /// Time and origin.
-    pub slow_hz: f64,
-    /// VFR_HUD, which holds the airspeed, Hz.
-    pub airspeed_hz: f64,
-    /// How often a message that does not come is asked for again.
-    pub retries: u8,
 }
 
 /// Where settings come from, in the order in which they override each other.

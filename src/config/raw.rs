@@ -26,7 +26,8 @@ use nalgebra::Vector3;
 
 use super::error::{ConfigError, Problem};
 use super::landmarks::Landmarks;
-use super::{LinkSettings, PipelineSettings, Settings, StreamSettings};
+use super::{LinkSettings, PipelineSettings, Settings};
+use crate::wire::session::requests::StreamSettings;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

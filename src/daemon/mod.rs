@@ -3,12 +3,9 @@
 //! One task, one thread. It is handed links that are open, a clock and a token that stops it, so that a test needs neither fixed
 //! ports nor signals. Nothing is sent but on a new IMU sample: when the stream stops, so does the output.
 
-mod contact;
-mod speaker;
+mod severity;
 mod summary;
-mod voice;
 mod watch;
-mod wishes;
 
 use std::time::Duration;
 
@@ -16,25 +13,27 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
 use crate::altimeter::{Channel, Health as HeightHealth};
-use crate::config::{Settings, StreamSettings};
+use crate::config::Settings;
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline};
 use crate::sample::{Input, Sample, SampleKind};
-use crate::time::{ApTime, ClockEvent, Companion, Span, Stamp};
+use crate::time::{ClockEvent, Companion, Span, Stamp};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
-use crate::wire::decode::{Decoder, LANDING_TARGET};
+use crate::wire::decode::Decoder;
 use crate::wire::encode::encode;
 use crate::wire::frame::{Frame, SystemId};
 use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
-use crate::wire::protocol::heartbeat::{Health, HeartbeatSender, heartbeat};
-use crate::wire::protocol::identity::{Identity, IdentityConfig, Sender};
+use crate::wire::messages::from_any_component;
+use crate::wire::session::autopilot::AutopilotSession;
+use crate::wire::session::heartbeat::{Health, HeartbeatSender, heartbeat};
+use crate::wire::session::identity::{IdentityEvent, Sender};
+use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
+use crate::wire::session::transmitter::Transmitter;
 
-use contact::Contact;
-use speaker::Speaker;
+use severity::severity_of;
 pub use summary::Summary;
-use voice::{Voice, Weight};
 use watch::{ImuNews, ImuWatch};
 
 /// Timers are looked at this often.
@@ -93,21 +92,18 @@ struct Counts {
 pub struct Daemon {
     clock: CompanionClock,
     stale_after: Span,
-    streams: StreamSettings,
     links: Option<Links>,
-    speaker: Speaker,
-    identity: Identity,
+    transmitter: Transmitter,
+    session: AutopilotSession,
     decoder: Decoder,
     pipeline: Pipeline,
     mask: GnssMask,
-    contact: Option<Contact>,
-    voice: Voice,
+    status_texts: StatusTextSender,
     watch: ImuWatch,
     beat: HeartbeatSender,
     solution: Option<Solution>,
-    /// The newest time of the autopilot's, and when it came.
-    newest: Option<(ApTime, Stamp<Companion>)>,
-    items: Vec<Input>,
+    /// Of one frame; kept for its memory.
+    inputs: Vec<Input>,
     messages: Vec<OutboundMessage>,
     counts: Counts,
     summed: Option<(Stamp<Companion>, [u64; SampleKind::ALL.len()])>,
@@ -123,20 +119,17 @@ impl Daemon {
         let count = links.handles.ids().count();
         Self {
             stale_after: Span::from_millis(i64::try_from(settings.link.stale_output_ms).unwrap_or(i64::MAX)),
-            streams: settings.streams,
-            speaker: Speaker::new(links.handles.clone(), system),
+            transmitter: Transmitter::new(links.handles.clone(), system),
             links: Some(links),
-            identity: Identity::new(IdentityConfig { system: settings.system, ..IdentityConfig::default() }),
+            session: AutopilotSession::new(settings.system, settings.streams),
             decoder: Decoder::new(),
             pipeline: Pipeline::new(&settings.pipeline),
             mask: GnssMask::new(deny_gnss),
-            contact: None,
-            voice: Voice::new(settings.statustext),
+            status_texts: StatusTextSender::new(settings.statustext),
             watch: ImuWatch::new(Span::from_seconds(settings.pipeline.navigator.imu_max_gap_s)),
             beat: HeartbeatSender::default(),
             solution: None,
-            newest: None,
-            items: Vec::with_capacity(16),
+            inputs: Vec::with_capacity(16),
             messages: Vec::with_capacity(4),
             counts: Counts::default(),
             summed: None,
@@ -169,17 +162,17 @@ impl Daemon {
             }
         }
         let code = self.state().1;
-        self.speaker.broadcast(&heartbeat(Health::PowerOff, code));
+        self.transmitter.broadcast(&heartbeat(Health::PowerOff, code));
         tokio::time::sleep(LAST_WORDS).await;
         self.summary(self.clock.now())
     }
 
     /// What our heartbeat says.
     fn state(&self) -> (Health, u32) {
-        if self.identity.vehicle().is_none() {
+        if self.session.vehicle().is_none() {
             return (Health::Boot, CODE_NO_AUTOPILOT);
         }
-        if self.watch.silent() || !self.identity.is_heard() {
+        if self.watch.silent() || !self.session.is_heard() {
             return (Health::Critical, CODE_SILENT);
         }
         let mode = self.pipeline.navigator.mode();
@@ -198,14 +191,11 @@ impl Daemon {
             return;
         }
         let at = received.received;
-        let ours = self
-            .identity
-            .vehicle()
-            .is_some_and(|v| (v.system, v.component) == (frame.system(), frame.component()));
+        let ours = self.session.sent_by_autopilot(&frame);
         if ours && !self.listens(received, at) {
             return;
         }
-        let (sender, event) = self.identity.hear(at, &frame);
+        let (sender, event) = self.session.hear(at, &frame);
         if let Some(event) = event {
             if !ours {
                 self.listens(received, at);
@@ -213,34 +203,67 @@ impl Daemon {
             self.identity_event(event);
         }
         match sender {
-            Sender::Autopilot => self.conversation(&frame, at),
+            Sender::Autopilot => self.converse(&frame, at),
             // A camera on the vehicle that sees landmarks.
-            Sender::SameSystem if frame.message_id() == LANDING_TARGET => {}
+            Sender::SameSystem if from_any_component(frame.message_id()) => {}
             Sender::WrongSystem => return self.stranger(&frame),
             _ => return,
         }
-        let mut items = std::mem::take(&mut self.items);
-        self.decoder.decode(&frame, &mut items);
-        let newest = self.decoder.clock().newest();
-        if newest != self.newest.map(|(time, _)| time) {
-            self.newest = newest.map(|time| (time, at));
+        let mut inputs = std::mem::take(&mut self.inputs);
+        self.decoder.decode(&frame, &mut inputs);
+        self.session.stamped(self.decoder.clock().newest(), at);
+        for input in inputs.drain(..) {
+            self.input(&input, at);
         }
-        for item in items.drain(..) {
-            self.item(&item, at);
+        self.inputs = inputs;
+    }
+
+    fn converse(&mut self, frame: &Frame<'_>, at: Stamp<Companion>) {
+        let reply = self.session.converse(frame, at, self.clock.now(), self.decoder.clock());
+        if let Some(answer) = reply.answer {
+            self.transmitter.answer(&answer);
         }
-        self.items = items;
+        if let Some(step) = reply.clock_set {
+            tracing::warn!("the autopilot's clock was set by {:.3} s", step.seconds());
+        }
+    }
+
+    fn identity_event(&mut self, event: IdentityEvent) {
+        match event {
+            IdentityEvent::Found(vehicle) => {
+                self.decoder.follow(&vehicle);
+                self.pipeline.follow(&vehicle);
+                let us = self.transmitter.belong_to(vehicle.system);
+                self.session.begin(us);
+                self.watch.expect(self.clock.now());
+                self.say(
+                    Severity::Info,
+                    &format!("following {}, system {}", vehicle.autopilot, vehicle.system.0),
+                );
+            }
+            IdentityEvent::Lost { silent } => {
+                self.say(Severity::Critical, &format!("autopilot silent for {:.1} s", silent.seconds()));
+            }
+            IdentityEvent::Back => {
+                self.say(Severity::Notice, "the autopilot is back");
+                self.session.restart();
+            }
+            IdentityEvent::Armed(armed) => tracing::info!("{}", if armed { "armed" } else { "disarmed" }),
+            IdentityEvent::Version(version) => tracing::info!("firmware {version}"),
+            IdentityEvent::VersionUnknown => tracing::info!("the firmware's version is not told"),
+        }
     }
 
     /// Whether the autopilot is listened to on this frame's link. What comes on others is counted and not used.
     fn listens(&mut self, received: &ReceivedFrame, at: Stamp<Companion>) -> bool {
-        let (listened, moved) = self.speaker.listens(received.link, at);
+        let (listened, moved) = self.transmitter.listens(received.link, at);
         if !listened {
             self.counts.duplicates += 1;
         }
         if moved {
             let text = format!("the autopilot is heard on {} now", received.link);
-            self.say(Weight::Notice, &text);
-            self.begin_anew();
+            self.say(Severity::Notice, &text);
+            self.session.restart();
         }
         listened
     }
@@ -251,28 +274,24 @@ impl Daemon {
         }
     }
 
-    fn item(&mut self, item: &Input, at: Stamp<Companion>) {
-        if let Input::Sample(sample) = item {
+    fn input(&mut self, input: &Input, at: Stamp<Companion>) {
+        if let Input::Sample(sample) = input {
             self.counts.heard[sample.kind() as usize] += 1;
         }
-        if let Some(time) = self.mask.withholds(item) {
+        if let Some(time) = self.mask.withholds(input) {
             self.pipeline.navigator.mask_gnss(time);
             return;
         }
-        match item {
+        match input {
             Input::Sample(Sample::Imu(_)) => {
                 if let Some(news) = self.watch.heard(at) {
                     self.imu_news(news);
                 }
             }
-            Input::Origin(_) => {
-                if let Some(contact) = &mut self.contact {
-                    contact.wishes.origin_heard();
-                }
-            }
+            Input::Origin(_) => self.session.origin_heard(),
             Input::Clock(ClockEvent::Reboot { .. }) => {
-                self.say(Weight::Warning, "the autopilot rebooted");
-                self.begin_anew();
+                self.say(Severity::Warning, "the autopilot rebooted");
+                self.session.restart();
             }
             Input::Clock(ClockEvent::Gap(span)) => {
                 tracing::warn!("the autopilot's stamps have a gap of {:.1} s", span.seconds());
@@ -280,7 +299,7 @@ impl Daemon {
             _ => {}
         }
         let mut messages = std::mem::take(&mut self.messages);
-        if let Some(solution) = self.pipeline.take(self.decoder.clock(), item, &mut messages) {
+        if let Some(solution) = self.pipeline.take(self.decoder.clock(), input, &mut messages) {
             self.solution = Some(solution);
         }
         for message in messages.drain(..) {
@@ -298,7 +317,7 @@ impl Daemon {
             return;
         }
         match encode(message, self.decoder.clock()) {
-            Some(message) => self.counts.sent += u64::from(self.speaker.answer(&message)),
+            Some(message) => self.counts.sent += u64::from(self.transmitter.answer(&message)),
             None => self.counts.not_finite += 1,
         }
     }
@@ -306,26 +325,32 @@ impl Daemon {
     fn tell_events(&mut self) {
         let events: Vec<_> = self.pipeline.navigator.drain_events().collect();
         for event in events {
-            self.say(Weight::of(&event.what), &event.what.to_string());
+            self.say(severity_of(&event.what), &event.what.to_string());
         }
     }
 
-    fn say(&mut self, weight: Weight, text: &str) {
-        for message in self.voice.say(self.clock.now(), weight, text) {
-            self.speaker.answer(&message);
+    /// Tells the log, and the pilot as far as there is room.
+    fn say(&mut self, severity: Severity, text: &str) {
+        match severity {
+            Severity::Critical => tracing::error!("{text}"),
+            Severity::Warning => tracing::warn!("{text}"),
+            Severity::Notice | Severity::Info => tracing::info!("{text}"),
+        }
+        for message in self.status_texts.say(self.clock.now(), severity, text) {
+            self.transmitter.answer(&message);
         }
     }
 
     fn imu_news(&mut self, news: ImuNews) {
         match news {
             ImuNews::NeverCame => {
-                self.say(Weight::Critical, "no IMU message comes: nothing to navigate with")
+                self.say(Severity::Critical, "no IMU message comes: nothing to navigate with")
             }
             ImuNews::Silent(span) => {
-                self.say(Weight::Critical, &format!("IMU silent for {:.1} s", span.seconds()));
+                self.say(Severity::Critical, &format!("IMU silent for {:.1} s", span.seconds()));
             }
             ImuNews::Back(span) => {
-                self.say(Weight::Notice, &format!("IMU is back after {:.1} s", span.seconds()));
+                self.say(Severity::Notice, &format!("IMU is back after {:.1} s", span.seconds()));
             }
         }
     }
@@ -334,19 +359,21 @@ impl Daemon {
         let now = self.clock.now();
         let (health, code) = self.state();
         if let Some(beat) = self.beat.poll(now, health, code) {
-            self.speaker.broadcast(&beat);
+            self.transmitter.broadcast(&beat);
         }
-        let poll = self.identity.poll(now);
-        if let Some(message) = poll.send {
-            self.speaker.answer(&message);
+        let due = self.session.poll(now);
+        for message in &due.messages {
+            self.transmitter.answer(message);
         }
-        if let Some(event) = poll.event {
+        if let Some(event) = due.event {
             self.identity_event(event);
+        }
+        for refusal in due.refusals {
+            tracing::warn!("{refusal}");
         }
         if let Some(news) = self.watch.poll(now) {
             self.imu_news(news);
         }
-        self.ask(now);
         if self.summed.is_none_or(|(then, _)| now - then >= SUMMARY_PERIOD) {
             let summary = self.summary(now);
             tracing::info!("{summary}");
@@ -363,9 +390,9 @@ impl Daemon {
                 if let Some(told) = told {
                     *told = false;
                 }
-                if self.speaker.route().link() == Some(link) {
-                    self.say(Weight::Notice, "the link is up again");
-                    self.begin_anew();
+                if self.transmitter.route().link() == Some(link) {
+                    self.say(Severity::Notice, "the link is up again");
+                    self.session.restart();
                 }
             }
             LinkEventKind::Retry { .. } => {
@@ -387,9 +414,9 @@ impl Daemon {
 
     fn summary(&self, now: Stamp<Companion>) -> Summary {
         let mut rejects = self.decoder.counters().clone();
-        rejects.add(Cause::WrongSystem, self.identity.wrong_system());
+        rejects.add(Cause::WrongSystem, self.session.wrong_system());
         let (mut inbound_dropped, mut unsent) = (0, 0);
-        for stats in self.speaker.handles().stats() {
+        for stats in self.transmitter.handles().stats() {
             rejects.merge(&stats.rejects);
             inbound_dropped += stats.inbound_dropped;
             unsent += stats.unsent_full + stats.unsent_stale;
@@ -413,9 +440,9 @@ impl Daemon {
             duplicates: self.counts.duplicates,
             inbound_dropped,
             unsent,
-            timesync: self.contact.as_ref().and_then(Contact::timesync),
-            answered: self.contact.as_ref().map_or(0, Contact::answered),
-            words_withheld: self.voice.withheld(),
+            timesync: self.session.timesync(),
+            answered: self.session.answered(),
+            words_withheld: self.status_texts.withheld(),
             reboots: self.decoder.clock().reboots(),
         }
     }

@@ -5,14 +5,13 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use crate::pipeline::dialect_of;
 use crate::sample::Input;
 use crate::time::Stamp;
 use crate::wire::clock::AutopilotClock;
 use crate::wire::counters::{Cause, Counters};
 use crate::wire::decode::Decoder;
 use crate::wire::frame::{Frame, SystemId};
-use crate::wire::protocol::identity::{Identity, IdentityConfig, Vehicle};
+use crate::wire::session::identity::{Identity, IdentityConfig, Vehicle};
 use crate::wire::tlog::{TlogReader, describe_foreign};
 
 /// Why a log cannot be used.
@@ -147,7 +146,7 @@ impl Log {
         let io_error = |source| LogError::Io { path: self.path.clone(), source };
         let mut reader = TlogReader::new(File::open(&self.path).map_err(io_error)?);
         let mut decoder = Decoder::new();
-        decoder.follow(self.vehicle.system, self.vehicle.component, dialect_of(&self.vehicle));
+        decoder.follow(&self.vehicle);
         let mut items = Vec::with_capacity(8);
         let mut position = 0;
         while let Some(record) = reader.next_record().map_err(io_error)? {

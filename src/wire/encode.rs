@@ -128,8 +128,8 @@ mod tests {
     use super::*;
     use crate::geo::so3::{self, Euler};
     use crate::wire::frame::{ComponentId, SystemId};
-    use crate::wire::protocol::Address;
-    use crate::wire::protocol::outgoing::FrameWriter;
+    use crate::wire::session::Address;
+    use crate::wire::session::outgoing::FrameWriter;
     use proptest::prelude::*;
 
     fn sample(frame: PoseFrame) -> Odometry {

@@ -16,7 +16,7 @@ use crate::sample::{
 use crate::time::ApTime;
 
 use super::encode::{float, triple};
-use super::protocol::identity::AutopilotKind;
+use super::session::identity::AutopilotKind;
 
 const GAUSS_PER_TESLA: f64 = 1e4;
 /// "Not known" in fields of 16 bits.

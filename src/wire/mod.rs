@@ -1,5 +1,5 @@
-//! The only room that knows MAVLink: links, tlogs, decoding to [`crate::sample`], encoding of [`crate::outbound`], time
-//! synchronisation and stream requests.
+//! The only room that knows MAVLink: links, tlogs, decoding to [`crate::sample`], encoding of [`crate::outbound`], and
+//! the conversation with the autopilot. [`messages`] is the table of what is heard, asked for and sent.
 
 pub mod clock;
 pub mod companion_clock;
@@ -11,6 +11,7 @@ pub mod endpoint;
 pub mod frame;
 pub mod frame_bytes;
 pub mod link;
-pub mod protocol;
+pub mod messages;
+pub mod session;
 pub mod tlog;
 pub mod tlog_writer;

@@ -4,8 +4,8 @@ use std::io::{self, ErrorKind, Write};
 
 use mavlink::dialects::ardupilotmega::MavMessage;
 
-use super::protocol::Address;
-use super::protocol::outgoing::FrameWriter;
+use super::session::Address;
+use super::session::outgoing::FrameWriter;
 
 /// Writes the messages of one sender, and of others beside it.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ impl<W: Write> TlogWriter<W> {
 mod tests {
     use super::*;
     use crate::wire::frame::{ComponentId, SystemId};
-    use crate::wire::protocol::heartbeat::{Health, heartbeat};
+    use crate::wire::session::heartbeat::{Health, heartbeat};
     use crate::wire::tlog::TlogReader;
 
     #[test]

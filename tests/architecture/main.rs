@@ -113,7 +113,6 @@ const CORE: &[&str] = &[
 /// What no core room may name, and why.
 const NOT_IN_THE_CORE: &[(&str, &str)] = &[
     ("tokio", "the core is synchronous"),
-    ("mavlink", "only wire knows MAVLink"),
     ("Instant", "the core has no clock: every sample brings its time"),
     ("SystemTime", "the core has no clock: every sample brings its time"),
     ("std::fs", "the core has no input or output"),
@@ -276,6 +275,17 @@ fn the_core_knows_no_input_output_clock_or_chance() {
             if let Some(word) = UNSEEDED.iter().find(|w| names(code, w)) {
                 violations.push(format!("{}:{line}: {word}: randomness has a seed", s.path));
             }
+        }
+    }
+    report(&violations);
+}
+
+#[test]
+fn only_wire_names_mavlink() {
+    let mut violations = Vec::new();
+    for s in sources().iter().filter(|s| s.room != "wire") {
+        for (line, _) in s.code.iter().filter(|(_, code)| names(code, "mavlink")) {
+            violations.push(format!("{}:{line}: mavlink: what is on the wire is known in wire only", s.path));
         }
     }
     report(&violations);

@@ -16,8 +16,9 @@ use holdover::sample::{
     RangeDirection, RangeSample, Sample,
 };
 use holdover::time::{ApTime, Span};
-use holdover::wire::decode::{Decoder, Dialect};
+use holdover::wire::decode::Decoder;
 use holdover::wire::frame::{ComponentId, Scan, SystemId, scan};
+use holdover::wire::session::identity::{AutopilotKind, Vehicle};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -37,9 +38,14 @@ fn real() -> &'static [Record] {
 
 fn decoder() -> Decoder {
     let mut decoder = Decoder::new();
-    let dialect =
-        Dialect { raw_imu_is_scaled: true, flow_comp_is_rate: true, airspeed_may_be_estimate: false };
-    decoder.follow(SystemId(1), ComponentId::AUTOPILOT, dialect);
+    decoder.follow(&Vehicle {
+        system: SystemId(1),
+        component: ComponentId::AUTOPILOT,
+        autopilot: AutopilotKind::ArduPilot,
+        vehicle_type: 2,
+        armed: false,
+        version: None,
+    });
     decoder
 }
 

@@ -6,11 +6,12 @@ use crate::command::holdover;
 use holdover::sample::{Input, LandmarkSample, Sample, Sighting};
 use holdover::time::ApTime;
 use holdover::wire::counters::Cause;
-use holdover::wire::decode::{Decoder, Dialect};
+use holdover::wire::decode::Decoder;
 use holdover::wire::encode_vehicle;
 use holdover::wire::frame::{ComponentId, SystemId};
-use holdover::wire::protocol::Address;
-use holdover::wire::protocol::outgoing::FrameWriter;
+use holdover::wire::session::Address;
+use holdover::wire::session::identity::{AutopilotKind, Vehicle};
+use holdover::wire::session::outgoing::FrameWriter;
 use mavlink::dialects::ardupilotmega::{MavFrame, MavMessage};
 use nalgebra::Vector3;
 use serde_json::Value;
@@ -79,9 +80,14 @@ fn fields_that_cannot_be_laid_out_are_refused() {
 /// A decoder that follows system 1, and its clock running at 20 s.
 fn decoder() -> Decoder {
     let mut decoder = Decoder::new();
-    let dialect =
-        Dialect { raw_imu_is_scaled: true, flow_comp_is_rate: true, airspeed_may_be_estimate: true };
-    decoder.follow(SystemId(1), ComponentId::AUTOPILOT, dialect);
+    decoder.follow(&Vehicle {
+        system: SystemId(1),
+        component: ComponentId::AUTOPILOT,
+        autopilot: AutopilotKind::ArduPilot,
+        vehicle_type: 2,
+        armed: false,
+        version: None,
+    });
     let time = encode_vehicle::system_time(ApTime::from_micros(20_000_000), 1_790_000_020_000_000).unwrap();
     assert!(hear(&mut decoder, 1, 1, &time).is_empty());
     decoder

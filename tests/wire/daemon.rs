@@ -10,8 +10,8 @@ use crate::live::flight::{Flight, Heard, path};
 use crate::live::process::Holdover;
 use crate::live::pymavlink;
 use holdover::wire::frame::{ComponentId, SystemId};
-use holdover::wire::protocol::Address;
-use holdover::wire::protocol::outgoing::FrameWriter;
+use holdover::wire::session::Address;
+use holdover::wire::session::outgoing::FrameWriter;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavState, TIMESYNC_DATA};
 use serde_json::Value;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, WriteHalf};
@@ -402,8 +402,8 @@ async fn of_two_vehicles_the_second_is_ignored() {
 
     // Another system behind the same address.
     let other = Address { system: SystemId(2), component: ComponentId(1) };
-    let holdover_beat = holdover::wire::protocol::heartbeat::heartbeat;
-    let beat = holdover_beat(holdover::wire::protocol::heartbeat::Health::Active, 0);
+    let holdover_beat = holdover::wire::session::heartbeat::heartbeat;
+    let beat = holdover_beat(holdover::wire::session::heartbeat::Health::Active, 0);
     first.send(&FrameWriter::new(other).write(&beat).unwrap()).await;
     holdover.wait_for("system 2 is heard, too, and ignored", 1);
     holdover.stop();

@@ -13,8 +13,8 @@ use holdover::wire::frame_bytes::FrameBytes;
 use holdover::wire::link::{
     LinkConfig, LinkEventKind, LinkId, LinkState, LinkStats, Links, OpenError, ReceivedFrame, SendOutcome,
 };
-use holdover::wire::protocol::Address;
-use holdover::wire::protocol::outgoing::FrameWriter;
+use holdover::wire::session::Address;
+use holdover::wire::session::outgoing::FrameWriter;
 use mavlink::dialects::ardupilotmega::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
 };
@@ -99,7 +99,7 @@ fn ground_station() -> FrameBytes {
 
 /// What Holdover sends.
 fn ours(code: u8) -> FrameBytes {
-    use holdover::wire::protocol::heartbeat::{Health, heartbeat};
+    use holdover::wire::session::heartbeat::{Health, heartbeat};
     frame(1, &heartbeat(Health::Active, u32::from(code) + 1))
 }
 

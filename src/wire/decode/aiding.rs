@@ -28,7 +28,7 @@ impl Decoder {
             [within(m.flow_rate_x, -MAX_FLOW, MAX_FLOW)?, within(m.flow_rate_y, -MAX_FLOW, MAX_FLOW)?];
         let compensated = [within(m.flow_comp_m_x, -1e4, 1e4)?, within(m.flow_comp_m_y, -1e4, 1e4)?];
         // ground_distance is not taken: ArduPilot fills it from its own estimator.
-        let (rate_xy, rotation) = if self.dialect.flow_comp_is_rate {
+        let (rate_xy, rotation) = if self.conventions.flow_comp_is_rate {
             // The autopilot subtracted its gyro at the sensor's own instant, which a thinned IMU stream cannot do as well.
             (compensated, FlowRotation::Removed)
         } else if rates != [0.0, 0.0] {
@@ -134,7 +134,7 @@ impl Decoder {
     /// come back as a measurement.
     pub(super) fn airspeed(&mut self, airspeed: f32, out: Out<'_>) -> Result<(), Cause> {
         let time = self.now()?;
-        let estimate = self.dialect.airspeed_may_be_estimate && self.pitot != Some(true);
+        let estimate = self.conventions.airspeed_may_be_estimate && self.pitot != Some(true);
         if airspeed.is_nan() || airspeed == 0.0 || estimate {
             return Ok(());
         }

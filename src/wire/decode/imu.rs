@@ -63,7 +63,7 @@ impl Decoder {
 
     pub(super) fn raw_imu(&mut self, m: &apm::RAW_IMU_DATA, out: Out<'_>) -> Result<(), Cause> {
         let time = self.clock.usec(m.time_usec)?;
-        if !self.dialect.raw_imu_is_scaled {
+        if !self.conventions.raw_imu_is_scaled {
             return Ok(());
         }
         let milli = [m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro, m.xmag, m.ymag, m.zmag];

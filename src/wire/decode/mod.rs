@@ -18,23 +18,36 @@ use crate::time::{ApTime, Span};
 use super::clock::AutopilotClock;
 use super::counters::{Cause, Counters};
 use super::frame::{ComponentId, Frame, SystemId, cause_of};
+use super::messages::{from_any_component, is_input};
+use super::session::identity::{AutopilotKind, Vehicle};
 
 /// How the two autopilots fill the same messages differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Dialect {
+struct FieldConventions {
     /// RAW_IMU holds milli-g, mrad/s and milligauss (ArduPilot), not counts.
-    pub raw_imu_is_scaled: bool,
+    raw_imu_is_scaled: bool,
     /// OPTICAL_FLOW's `flow_comp_m_x/y` holds the flow less the sensor's own rotation in rad/s (ArduPilot), not m/s.
-    pub flow_comp_is_rate: bool,
+    flow_comp_is_rate: bool,
     /// VFR_HUD's airspeed without a pitot tube is the autopilot's own estimate (ArduPilot), not NaN.
-    pub airspeed_may_be_estimate: bool,
+    airspeed_may_be_estimate: bool,
 }
 
-/// Turns the frames of one vehicle into items.
+impl FieldConventions {
+    fn of(vehicle: &Vehicle) -> Self {
+        let ardupilot = vehicle.autopilot == AutopilotKind::ArduPilot;
+        Self {
+            raw_imu_is_scaled: ardupilot,
+            flow_comp_is_rate: ardupilot,
+            airspeed_may_be_estimate: vehicle.autopilot != AutopilotKind::Px4,
+        }
+    }
+}
+
+/// Turns the frames of one vehicle into inputs of the core.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     vehicle: Option<(SystemId, ComponentId)>,
-    dialect: Dialect,
+    conventions: FieldConventions,
     clock: AutopilotClock,
     counters: Counters,
     imu: Preference<5>,
@@ -46,9 +59,6 @@ pub struct Decoder {
     pitot: Option<bool>,
 }
 
-/// The message that cameras tell of landmarks with: the one that other components of the vehicle are listened to for.
-pub const LANDING_TARGET: u32 = 149;
-
 type Out<'a> = &'a mut Vec<Input>;
 
 impl Decoder {
@@ -56,7 +66,7 @@ impl Decoder {
     pub fn new() -> Self {
         Self {
             vehicle: None,
-            dialect: Dialect {
+            conventions: FieldConventions {
                 raw_imu_is_scaled: false,
                 flow_comp_is_rate: false,
                 airspeed_may_be_estimate: true,
@@ -73,9 +83,9 @@ impl Decoder {
     }
 
     /// From now on follows this autopilot.
-    pub fn follow(&mut self, system: SystemId, component: ComponentId, dialect: Dialect) {
-        self.vehicle = Some((system, component));
-        self.dialect = dialect;
+    pub fn follow(&mut self, vehicle: &Vehicle) {
+        self.vehicle = Some((vehicle.system, vehicle.component));
+        self.conventions = FieldConventions::of(vehicle);
     }
 
     /// The autopilot's clock.
@@ -94,12 +104,12 @@ impl Decoder {
             if self.vehicle.is_none_or(|(system, _)| system != frame.system()) {
                 return self.counters.count(Cause::WrongSystem);
             }
-            if frame.message_id() != LANDING_TARGET {
+            if !from_any_component(frame.message_id()) {
                 return;
             }
         }
         self.counters.frames += 1;
-        if !of_interest(frame.message_id()) {
+        if !is_input(frame.message_id()) {
             return;
         }
         let result = match frame.parse() {
@@ -165,15 +175,6 @@ impl Default for Decoder {
     fn default() -> Self {
         Self::new()
     }
-}
-
-/// Whether a message of this id can tell anything here: the others are not even parsed.
-fn of_interest(id: u32) -> bool {
-    matches!(
-        id,
-        0 | 1 | 2 | 24 | 26 | 27 | 29
-            ..=33 | 49 | 74 | 100 | 105 | 106 | 108 | 115 | 116 | 124 | 129 | 132 | 137
-    ) || matches!(id, 143 | 149 | 164 | 173)
 }
 
 /// Chooses among several sources of the same measurement, listed best first: the best one that was heard within the last second.

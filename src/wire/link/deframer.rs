@@ -78,9 +78,9 @@ mod tests {
 
     use super::*;
     use crate::wire::frame::{ComponentId, SystemId};
-    use crate::wire::protocol::Address;
-    use crate::wire::protocol::heartbeat::{Health, heartbeat};
-    use crate::wire::protocol::outgoing::FrameWriter;
+    use crate::wire::session::Address;
+    use crate::wire::session::heartbeat::{Health, heartbeat};
+    use crate::wire::session::outgoing::FrameWriter;
 
     #[derive(Debug, PartialEq, Eq, Clone)]
     enum Owned {

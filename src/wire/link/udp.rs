@@ -15,7 +15,7 @@ use super::pin::{Pin, Verdict};
 use super::shared::{Shared, span};
 use crate::time::{Companion, Stamp};
 use crate::wire::endpoint::{Endpoint, HostPort};
-use crate::wire::protocol::heartbeat_fields::HeartbeatFields;
+use crate::wire::session::heartbeat_fields::HeartbeatFields;
 
 /// The longest datagram there is.
 const DATAGRAM: usize = 65_536;

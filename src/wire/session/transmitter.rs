@@ -2,32 +2,33 @@
 
 use mavlink::dialects::ardupilotmega::MavMessage;
 
+use super::Address;
+use super::outgoing::FrameWriter;
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::frame::{ComponentId, SystemId};
 use crate::wire::link::{LinkHandles, LinkId, ReplyRoute, SendOutcome};
-use crate::wire::protocol::Address;
-use crate::wire::protocol::outgoing::FrameWriter;
 
 /// The autopilot may be heard on another link after so long without it on the one that is listened to.
 const PATIENCE: Span = Span::from_millis(3000);
 
 /// Sends messages as [`ComponentId::ODOMETRY_SOURCE`] of the vehicle.
 #[derive(Debug)]
-pub(super) struct Speaker {
+pub struct Transmitter {
     handles: LinkHandles,
     writers: Vec<FrameWriter>,
     route: ReplyRoute,
 }
 
-impl Speaker {
-    pub(super) fn new(handles: LinkHandles, system: SystemId) -> Self {
+impl Transmitter {
+    /// Speaks as a part of `system` on every link, from sequence number 0.
+    pub fn new(handles: LinkHandles, system: SystemId) -> Self {
         let from = Address { system, component: ComponentId::ODOMETRY_SOURCE };
         let writers = handles.ids().map(|_| FrameWriter::new(from)).collect();
         Self { handles, writers, route: ReplyRoute::new(PATIENCE) }
     }
 
     /// Speaks as a part of `system` from now on.
-    pub(super) fn belong_to(&mut self, system: SystemId) -> Address {
+    pub fn belong_to(&mut self, system: SystemId) -> Address {
         let from = Address { system, component: ComponentId::ODOMETRY_SOURCE };
         for writer in self.writers.iter_mut().filter(|w| w.from() != from) {
             *writer = FrameWriter::new(from);
@@ -35,21 +36,23 @@ impl Speaker {
         from
     }
 
-    pub(super) fn handles(&self) -> &LinkHandles {
+    /// The links.
+    pub fn handles(&self) -> &LinkHandles {
         &self.handles
     }
 
-    pub(super) fn route(&mut self) -> &mut ReplyRoute {
+    /// Where the autopilot is listened to.
+    pub fn route(&mut self) -> &mut ReplyRoute {
         &mut self.route
     }
 
     /// Sends on the link that the autopilot is listened to on; whether it could be queued there.
-    pub(super) fn answer(&mut self, message: &MavMessage) -> bool {
+    pub fn answer(&mut self, message: &MavMessage) -> bool {
         self.route.link().is_some_and(|link| self.send(link, message))
     }
 
     /// Sends on every link.
-    pub(super) fn broadcast(&mut self, message: &MavMessage) {
+    pub fn broadcast(&mut self, message: &MavMessage) {
         for i in 0..self.writers.len() {
             self.send(LinkId(i), message);
         }
@@ -62,7 +65,7 @@ impl Speaker {
 
     /// Whether the autopilot is listened to on `link`, of which it was heard just now; and whether that is another link than
     /// before.
-    pub(super) fn listens(&mut self, link: LinkId, now: Stamp<Companion>) -> (bool, bool) {
+    pub fn listens(&mut self, link: LinkId, now: Stamp<Companion>) -> (bool, bool) {
         let before = self.route.link();
         let moved = self.route.heard(link, now) && before.is_some_and(|b| b != link);
         (self.route.link() == Some(link), moved)

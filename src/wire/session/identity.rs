@@ -5,14 +5,13 @@
 
 use std::fmt;
 
-use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{AUTOPILOT_VERSION_DATA, MavCmd, MavMessage};
 
 use super::heartbeat_fields::HeartbeatFields;
 use super::{Address, command_long};
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::frame::{ComponentId, Frame, SystemId};
-
-const AUTOPILOT_VERSION_ID: u32 = 148;
 
 /// The autopilots whose ways Holdover knows.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -269,7 +268,7 @@ impl Identity {
         }
         let event = match heartbeat {
             Some(fields) => pinned.heartbeat(now, frame, fields),
-            None if frame.message_id() == AUTOPILOT_VERSION_ID => pinned.version(frame),
+            None if frame.message_id() == AUTOPILOT_VERSION_DATA::ID => pinned.version(frame),
             None => None,
         };
         (Sender::Autopilot, event)
@@ -293,7 +292,7 @@ impl Identity {
         }
         pinned.question = Question::Open { asked: asked + 1, due: now + self.config.version_retry };
         let command = MavCmd::MAV_CMD_REQUEST_MESSAGE;
-        let ask = command_long(pinned.vehicle.address(), command, AUTOPILOT_VERSION_ID as f32, 0.0);
+        let ask = command_long(pinned.vehicle.address(), command, AUTOPILOT_VERSION_DATA::ID as f32, 0.0);
         IdentityPoll { send: Some(ask), event: None }
     }
 }
@@ -343,7 +342,7 @@ impl Pinned {
 
 #[cfg(test)]
 mod tests {
-    use mavlink::dialects::ardupilotmega::{AUTOPILOT_VERSION_DATA, MavProtocolCapability};
+    use mavlink::dialects::ardupilotmega::MavProtocolCapability;
 
     use super::super::heartbeat_fields::testing::{frame_of, heartbeat_frame};
     use super::*;

@@ -316,6 +316,8 @@ impl RateMeter {
 
 #[cfg(test)]
 mod tests {
+    use mavlink::MessageData;
+    use mavlink::dialects::ardupilotmega as apm;
     use proptest::prelude::*;
 
     use super::*;
@@ -323,8 +325,8 @@ mod tests {
 
     const US: Address = Address { system: SystemId(1), component: ComponentId(197) };
     const AUTOPILOT: Address = Address { system: SystemId(1), component: ComponentId(1) };
-    const HIGHRES_IMU: u32 = 105;
-    const ATTITUDE: u32 = 30;
+    const HIGHRES_IMU: u32 = apm::HIGHRES_IMU_DATA::ID;
+    const ATTITUDE: u32 = apm::ATTITUDE_DATA::ID;
 
     fn at(ms: i64) -> Stamp<Companion> {
         Stamp::from_micros(ms * 1000)

@@ -3,10 +3,10 @@
 //! The typed message is refused when an enumerated field has a value that the dialect does not know, and newer firmware brings
 //! new vehicle types. A heartbeat decides which autopilot Holdover serves, so its nine bytes are read here as plain numbers.
 
-use super::super::frame::Frame;
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::HEARTBEAT_DATA;
 
-/// Id of HEARTBEAT.
-pub const HEARTBEAT_ID: u32 = 0;
+use super::super::frame::Frame;
 
 const AUTOPILOT_INVALID: u8 = 8;
 const FLAG_SAFETY_ARMED: u8 = 0x80;
@@ -35,7 +35,7 @@ pub struct HeartbeatFields {
 impl HeartbeatFields {
     /// Reads them from a frame whose checksum was tested; `None` if it is not a HEARTBEAT.
     pub fn read(frame: &Frame<'_>) -> Option<Self> {
-        if frame.message_id() != HEARTBEAT_ID {
+        if frame.message_id() != HEARTBEAT_DATA::ID {
             return None;
         }
         // MAVLink 2 cuts trailing zeros, and a newer definition may append fields.

@@ -1,17 +1,64 @@
 //! What the autopilot is asked to send: the streams, another IMU message where HIGHRES_IMU never comes, and the origin.
 
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{GPS_GLOBAL_ORIGIN_DATA, HIGHRES_IMU_DATA, MavMessage};
 
-use crate::config::StreamSettings;
+use super::identity::{AutopilotKind, Vehicle};
+use super::streams::{StreamVerdict, Streams, StreamsConfig, WantedStream};
+use super::{Address, request_message};
 use crate::time::{Companion, Span, Stamp};
-use crate::wire::protocol::identity::{AutopilotKind, Vehicle};
-use crate::wire::protocol::streams::{StreamVerdict, Streams, StreamsConfig, WantedStream};
-use crate::wire::protocol::{Address, request_message};
+use crate::wire::messages::{Rate, TABLE, name_of};
 
-const HIGHRES_IMU: u32 = 105;
-const RAW_IMU: u32 = 27;
-const SCALED_IMU2: u32 = 116;
-const GPS_GLOBAL_ORIGIN: u32 = 49;
+/// Message rates to ask for, Hz; 0 does not ask.
+#[derive(Clone, Copy, Debug)]
+pub struct StreamSettings {
+    /// Ask at all.
+    pub request: bool,
+    /// IMU.
+    pub imu_hz: f64,
+    /// GNSS.
+    pub gnss_hz: f64,
+    /// Barometer.
+    pub pressure_hz: f64,
+    /// Optical flow.
+    pub flow_hz: f64,
+    /// Rangefinder.
+    pub range_hz: f64,
+    /// The autopilot's local position.
+    pub local_position_hz: f64,
+    /// Time and origin.
+    pub slow_hz: f64,
+    /// VFR_HUD, which holds the airspeed, Hz.
+    pub airspeed_hz: f64,
+    /// How often a message that does not come is asked for again.
+    pub retries: u8,
+}
+
+impl StreamSettings {
+    fn of(&self, rate: Rate) -> f64 {
+        match rate {
+            Rate::Imu | Rate::FallbackImu => self.imu_hz,
+            Rate::Gnss => self.gnss_hz,
+            Rate::Pressure => self.pressure_hz,
+            Rate::Flow => self.flow_hz,
+            Rate::Range => self.range_hz,
+            Rate::Airspeed => self.airspeed_hz,
+            Rate::LocalPosition => self.local_position_hz,
+            Rate::Slow => self.slow_hz,
+        }
+    }
+
+    /// The streams of the table whose rate is one that `wanted` takes.
+    fn streams(&self, wanted: impl Fn(Rate) -> bool) -> Vec<WantedStream> {
+        let asked =
+            |row: &crate::wire::messages::MessageUse| row.asked.filter(|&r| wanted(r)).map(|r| (row.id, r));
+        TABLE
+            .iter()
+            .filter_map(asked)
+            .map(|(message_id, rate)| WantedStream { message_id, rate_hz: self.of(rate) })
+            .collect()
+    }
+}
 
 /// Requests for HIGHRES_IMU in vain after which an older message is asked for.
 const HIGHRES_TRIES: u8 = 2;
@@ -20,9 +67,9 @@ const HIGHRES_SINCE: (u8, u8) = (4, 6);
 /// First pause between two requests for the origin; grows by itself each time.
 const ORIGIN_PAUSE: Span = Span::from_millis(2000);
 
-/// Asks one autopilot.
+/// Asks one autopilot for its streams.
 #[derive(Clone, Debug)]
-pub(super) struct Wishes {
+pub struct StreamRequests {
     settings: StreamSettings,
     autopilot: Address,
     kind: AutopilotKind,
@@ -35,13 +82,15 @@ pub(super) struct Wishes {
 }
 
 /// A stream that is no longer asked for, as text for the log.
-pub(super) type Refusal = String;
+pub type Refusal = String;
 
-impl Wishes {
-    pub(super) fn new(settings: StreamSettings, vehicle: &Vehicle) -> Self {
+impl StreamRequests {
+    /// Will ask `vehicle`'s autopilot, from the first [`StreamRequests::poll`] on.
+    pub fn new(settings: StreamSettings, vehicle: &Vehicle) -> Self {
         let config =
             StreamsConfig { attempts: settings.retries.saturating_add(1), ..StreamsConfig::default() };
-        let wanted = if settings.request { wanted(&settings) } else { Vec::new() };
+        let wanted =
+            if settings.request { settings.streams(|rate| rate != Rate::FallbackImu) } else { Vec::new() };
         Self {
             settings,
             autopilot: vehicle.address(),
@@ -56,17 +105,17 @@ impl Wishes {
     }
 
     /// For the autopilot's acknowledgements and rates.
-    pub(super) fn streams(&mut self) -> &mut Streams {
+    pub fn streams(&mut self) -> &mut Streams {
         &mut self.streams
     }
 
     /// The origin came.
-    pub(super) fn origin_heard(&mut self) {
+    pub fn origin_heard(&mut self) {
         self.origin_known = true;
     }
 
     /// The autopilot or the link began anew: requests are forgotten by then.
-    pub(super) fn restart(&mut self) {
+    pub fn restart(&mut self) {
         self.streams.restart();
         self.told.clear();
         self.origin_known = false;
@@ -75,11 +124,7 @@ impl Wishes {
     }
 
     /// The request to send now, if one is due, and what was given up.
-    pub(super) fn poll(
-        &mut self,
-        now: Stamp<Companion>,
-        vehicle: &Vehicle,
-    ) -> (Option<MavMessage>, Vec<Refusal>) {
+    pub fn poll(&mut self, now: Stamp<Companion>, vehicle: &Vehicle) -> (Option<MavMessage>, Vec<Refusal>) {
         if !self.settings.request {
             return (None, Vec::new());
         }
@@ -92,21 +137,23 @@ impl Wishes {
                 StreamVerdict::Pending | StreamVerdict::Met => None,
             };
             let never = report.rate_hz == Some(0.0) && report.asked >= HIGHRES_TRIES;
-            highres_in_vain |=
-                id == HIGHRES_IMU && (never || (gave_up.is_some() && report.rate_hz.unwrap_or(0.0) < 1.0));
+            highres_in_vain |= id == HIGHRES_IMU_DATA::ID
+                && (never || (gave_up.is_some() && report.rate_hz.unwrap_or(0.0) < 1.0));
             if let Some(reason) = gave_up
                 && !self.told.contains(&id)
             {
                 self.told.push(id);
                 let (want, got) = (report.wanted.rate_hz, report.rate_hz.unwrap_or(0.0));
-                refusals.push(format!("message {id}: {want:.0} Hz asked for, {got:.1} Hz come ({reason:?})"));
+                let name = name_of(id).unwrap_or("message");
+                refusals
+                    .push(format!("{name} ({id}): {want:.0} Hz asked for, {got:.1} Hz come ({reason:?})"));
             }
         }
         if highres_in_vain && !self.fallen_back && self.kind != AutopilotKind::Px4 {
             self.fallen_back = true;
             refusals.push("no HIGHRES_IMU: asking for RAW_IMU and SCALED_IMU2".to_owned());
-            for message_id in [RAW_IMU, SCALED_IMU2] {
-                self.streams.want(WantedStream { message_id, rate_hz: self.settings.imu_hz });
+            for wanted in self.settings.streams(|rate| rate == Rate::FallbackImu) {
+                self.streams.want(wanted);
             }
         }
         (self.origin(now).or_else(|| self.streams.poll(now)), refusals)
@@ -128,26 +175,8 @@ impl Wishes {
         }
         self.origin_asked += 1;
         self.origin_due = Some(now + Span::from_micros(ORIGIN_PAUSE.micros() * i64::from(self.origin_asked)));
-        Some(request_message(self.autopilot, GPS_GLOBAL_ORIGIN))
+        Some(request_message(self.autopilot, GPS_GLOBAL_ORIGIN_DATA::ID))
     }
-}
-
-fn wanted(s: &StreamSettings) -> Vec<WantedStream> {
-    let ids = [
-        (HIGHRES_IMU, s.imu_hz),
-        (24, s.gnss_hz),
-        (124, s.gnss_hz),
-        (29, s.pressure_hz),
-        (100, s.flow_hz),
-        (106, s.flow_hz),
-        (132, s.range_hz),
-        (32, s.local_position_hz),
-        (74, s.airspeed_hz),
-        (1, s.slow_hz),
-        (2, s.slow_hz),
-        (GPS_GLOBAL_ORIGIN, s.slow_hz),
-    ];
-    ids.map(|(message_id, rate_hz)| WantedStream { message_id, rate_hz }).to_vec()
 }
 
 #[cfg(test)]
@@ -155,7 +184,14 @@ mod tests {
     use super::*;
     use crate::config::{Settings, Sources};
     use crate::wire::frame::{ComponentId, SystemId};
-    use crate::wire::protocol::identity::FirmwareVersion;
+    use crate::wire::session::identity::FirmwareVersion;
+    use mavlink::dialects::ardupilotmega as apm;
+
+    const HIGHRES_IMU: u32 = HIGHRES_IMU_DATA::ID;
+    const RAW_IMU: u32 = apm::RAW_IMU_DATA::ID;
+    const ORIGIN: u32 = GPS_GLOBAL_ORIGIN_DATA::ID;
+    const SET_MESSAGE_INTERVAL: u32 = 511;
+    const REQUEST_MESSAGE: u32 = 512;
 
     fn vehicle(autopilot: AutopilotKind, packed: u32) -> Vehicle {
         Vehicle {
@@ -170,14 +206,14 @@ mod tests {
 
     /// (command, message id) of everything asked for in `seconds`, with nothing coming but `heard`.
     fn asked(vehicle: &Vehicle, seconds: i64, heard: &[u32]) -> Vec<(u32, u32)> {
-        let mut wishes = Wishes::new(Settings::load(&Sources::default()).unwrap().streams, vehicle);
+        let mut requests = StreamRequests::new(Settings::load(&Sources::default()).unwrap().streams, vehicle);
         let mut out = Vec::new();
         for ms in (0..seconds * 1000).step_by(5) {
             let now = Stamp::from_micros(ms * 1000);
             for &id in heard {
-                wishes.streams().hear(now, id);
+                requests.streams().hear(now, id);
             }
-            if let (Some(MavMessage::COMMAND_LONG(c)), _) = wishes.poll(now, vehicle) {
+            if let (Some(MavMessage::COMMAND_LONG(c)), _) = requests.poll(now, vehicle) {
                 out.push((c.command as u32, c.param1 as u32));
             }
         }
@@ -187,27 +223,31 @@ mod tests {
     #[test]
     fn the_imu_is_asked_for_first_and_the_origin_by_request() {
         let asked = asked(&vehicle(AutopilotKind::Px4, 0), 90, &[]);
-        assert_eq!(asked[0], (512, 49));
-        assert_eq!(asked.iter().find(|a| a.0 == 511), Some(&(511, 105)));
+        assert_eq!(asked[0], (REQUEST_MESSAGE, ORIGIN));
+        let first = asked.iter().find(|a| a.0 == SET_MESSAGE_INTERVAL);
+        assert_eq!(first, Some(&(SET_MESSAGE_INTERVAL, HIGHRES_IMU)));
         for id in [24, 29, 100, 106, 132, 32, 74, 1, 2, 49] {
-            assert!(asked.contains(&(511, id)), "{id}");
+            assert!(asked.contains(&(SET_MESSAGE_INTERVAL, id)), "{id}");
         }
-        assert!(!asked.contains(&(511, RAW_IMU)), "RAW_IMU of PX4 is in counts");
+        assert!(!asked.contains(&(SET_MESSAGE_INTERVAL, RAW_IMU)), "RAW_IMU of PX4 is in counts");
     }
 
     #[test]
     fn an_old_ardupilot_is_asked_for_raw_imu_at_once_and_a_silent_one_soon() {
+        let raw = (SET_MESSAGE_INTERVAL, RAW_IMU);
         let old = vehicle(AutopilotKind::ArduPilot, 0x0405_07FF);
-        assert!(asked(&old, 90, &[]).contains(&(511, RAW_IMU)));
+        assert!(asked(&old, 90, &[]).contains(&raw));
         let silent = vehicle(AutopilotKind::ArduPilot, 0x0407_00FF);
-        assert!(asked(&silent, 90, &[]).contains(&(511, RAW_IMU)));
-        assert!(!asked(&silent, 60, &[HIGHRES_IMU]).contains(&(511, RAW_IMU)));
+        assert!(asked(&silent, 90, &[]).contains(&raw));
+        assert!(!asked(&silent, 60, &[HIGHRES_IMU]).contains(&raw));
     }
 
     #[test]
     fn requests_have_a_limit() {
         let asked = asked(&vehicle(AutopilotKind::ArduPilot, 0), 1200, &[HIGHRES_IMU]);
         let count = |of: (u32, u32)| asked.iter().filter(|&&a| a == of).count();
-        assert_eq!((count((512, 49)), count((511, 24)), count((511, 105))), (6, 6, 1));
+        let gnss = count((SET_MESSAGE_INTERVAL, apm::GPS_RAW_INT_DATA::ID));
+        assert_eq!((count((REQUEST_MESSAGE, ORIGIN)), gnss), (6, 6));
+        assert_eq!(count((SET_MESSAGE_INTERVAL, HIGHRES_IMU)), 1);
     }
 }

@@ -3,13 +3,17 @@
 //! Each is told what was heard and what time it is, and returns the messages to send. None of them reads a clock or knows a
 //! link, so a test plays an hour of flight in a millisecond, and the same messages at the same times give the same answers.
 
+pub mod autopilot;
 pub mod heartbeat;
 pub mod heartbeat_fields;
 pub mod identity;
 pub mod outgoing;
-pub mod statustext;
+pub mod requests;
+pub mod status_text;
+pub mod status_text_sender;
 pub mod streams;
 pub mod timesync;
+pub mod transmitter;
 
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 

@@ -1,0 +1,214 @@
+//! The conversation with the autopilot that is followed: who it is, what time it has, and what it is asked for.
+
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage, TIMESYNC_DATA};
+
+use super::Address;
+use super::identity::{Identity, IdentityConfig, IdentityEvent, Sender, Vehicle};
+use super::requests::{Refusal, StreamRequests, StreamSettings};
+use super::timesync::{TimeSync, TimeSyncConfig, TimeSyncHeard};
+use crate::time::{ApTime, Companion, Span, Stamp};
+use crate::wire::clock::AutopilotClock;
+use crate::wire::frame::{Frame, SystemId};
+
+/// TIMESYNC and the stamps of the samples are the same clock if they agree within this.
+const ONE_CLOCK: Span = Span::from_millis(1000);
+
+/// The conversation with one autopilot, which is pinned when it is first heard.
+#[derive(Clone, Debug)]
+pub struct AutopilotSession {
+    identity: Identity,
+    rates: StreamSettings,
+    dialogue: Option<Dialogue>,
+    /// The newest time of the autopilot's, and when it came.
+    newest: Option<(ApTime, Stamp<Companion>)>,
+}
+
+/// What is said to an autopilot once it is known.
+#[derive(Clone, Debug)]
+struct Dialogue {
+    us: Address,
+    autopilot: Address,
+    sync: TimeSync,
+    requests: StreamRequests,
+}
+
+/// What a frame of the autopilot means for the conversation.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reply {
+    /// To be sent at once.
+    pub answer: Option<MavMessage>,
+    /// The autopilot's clock was set by this much.
+    pub clock_set: Option<Span>,
+}
+
+/// What is due.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SessionPoll {
+    /// To be sent to the autopilot, in this order.
+    pub messages: Vec<MavMessage>,
+    /// What became known of the autopilot with time.
+    pub event: Option<IdentityEvent>,
+    /// Streams that are no longer asked for.
+    pub refusals: Vec<Refusal>,
+}
+
+impl AutopilotSession {
+    /// Nobody was heard yet. Follows `system` only, or the first autopilot.
+    pub fn new(system: Option<SystemId>, rates: StreamSettings) -> Self {
+        let identity = Identity::new(IdentityConfig { system, ..IdentityConfig::default() });
+        Self { identity, rates, dialogue: None, newest: None }
+    }
+
+    /// The vehicle, once its autopilot was heard; also while it is lost.
+    pub fn vehicle(&self) -> Option<&Vehicle> {
+        self.identity.vehicle()
+    }
+
+    /// Whether the autopilot is heard at present.
+    pub fn is_heard(&self) -> bool {
+        self.identity.is_heard()
+    }
+
+    /// Frames that came from other systems.
+    pub fn wrong_system(&self) -> u64 {
+        self.identity.wrong_system()
+    }
+
+    /// Offset of the autopilot's clock and shortest round trip.
+    pub fn timesync(&self) -> Option<(Span, Span)> {
+        let sync = &self.dialogue.as_ref()?.sync;
+        Some((sync.offset()?, sync.round_trip()?))
+    }
+
+    /// Questions of the autopilot that were answered.
+    pub fn answered(&self) -> u64 {
+        self.dialogue.as_ref().map_or(0, |d| d.sync.counters().answered)
+    }
+
+    /// Whether the autopilot that is followed sent `frame`.
+    pub fn sent_by_autopilot(&self, frame: &Frame<'_>) -> bool {
+        self.vehicle().is_some_and(|v| (v.system, v.component) == (frame.system(), frame.component()))
+    }
+
+    /// Takes note of a frame whose checksum was tested. Says who sent it, and what it changed.
+    pub fn hear(&mut self, at: Stamp<Companion>, frame: &Frame<'_>) -> (Sender, Option<IdentityEvent>) {
+        self.identity.hear(at, frame)
+    }
+
+    /// Begins to talk to the autopilot that was found, as `us`.
+    pub fn begin(&mut self, us: Address) {
+        if let Some(vehicle) = self.identity.vehicle() {
+            self.dialogue = Some(Dialogue {
+                us,
+                autopilot: vehicle.address(),
+                sync: TimeSync::new(TimeSyncConfig::default(), us, vehicle.address()),
+                requests: StreamRequests::new(self.rates, vehicle),
+            });
+        }
+    }
+
+    /// Autopilot or link began anew: what was asked for is forgotten, and the clock may be another.
+    pub fn restart(&mut self) {
+        if let Some(dialogue) = &mut self.dialogue {
+            dialogue.sync.restart();
+            dialogue.requests.restart();
+        }
+    }
+
+    /// The origin of the autopilot's frame came.
+    pub fn origin_heard(&mut self) {
+        if let Some(dialogue) = &mut self.dialogue {
+            dialogue.requests.origin_heard();
+        }
+    }
+
+    /// Takes note of the newest time that the autopilot's stamps have told, by a frame that came at `at`.
+    pub fn stamped(&mut self, newest: Option<ApTime>, at: Stamp<Companion>) {
+        if newest != self.newest.map(|(time, _)| time) {
+            self.newest = newest.map(|time| (time, at));
+        }
+    }
+
+    /// Time now on the autopilot's boot clock, in our estimation, µs. This is the clock that our messages are stamped with, so
+    /// TIMESYNC refines it but does not replace it: answers of another clock are not followed.
+    fn boot_now(&self, now: Stamp<Companion>, clock: &AutopilotClock) -> Option<i64> {
+        let stamped =
+            self.newest.map(|(time, at)| clock.boot_micros(time).saturating_add((now - at).micros()));
+        let offset = self.dialogue.as_ref().and_then(|d| d.sync.offset());
+        let synced = offset.map(|o| now.micros().saturating_add(o.micros()));
+        match (synced, stamped) {
+            (Some(synced), Some(stamped))
+                if synced.abs_diff(stamped) <= ONE_CLOCK.micros().unsigned_abs() =>
+            {
+                Some(synced)
+            }
+            (_, Some(stamped)) => Some(stamped),
+            (synced, None) => synced,
+        }
+    }
+
+    /// What a frame of the autopilot, received at `at` and read at `now`, means for the conversation.
+    pub fn converse(
+        &mut self,
+        frame: &Frame<'_>,
+        at: Stamp<Companion>,
+        now: Stamp<Companion>,
+        clock: &AutopilotClock,
+    ) -> Reply {
+        let id = frame.message_id();
+        let boot_now = if id == TIMESYNC_DATA::ID { self.boot_now(now, clock) } else { None };
+        let Some(dialogue) = &mut self.dialogue else { return Reply::default() };
+        dialogue.requests.streams().hear(at, id);
+        match id {
+            COMMAND_ACK_DATA::ID => {
+                if let Ok(MavMessage::COMMAND_ACK(ack)) = frame.parse() {
+                    dialogue.requests.streams().acknowledge(dialogue.us, &ack);
+                }
+                Reply::default()
+            }
+            TIMESYNC_DATA::ID => match frame.parse() {
+                Ok(MavMessage::TIMESYNC(message)) => dialogue.timesync(at, &message, boot_now),
+                _ => Reply::default(),
+            },
+            _ => Reply::default(),
+        }
+    }
+
+    /// What is due now.
+    pub fn poll(&mut self, now: Stamp<Companion>) -> SessionPoll {
+        let polled = self.identity.poll(now);
+        let mut due =
+            SessionPoll { messages: Vec::from_iter(polled.send), event: polled.event, refusals: Vec::new() };
+        if !self.identity.is_heard() {
+            return due;
+        }
+        if let (Some(dialogue), Some(vehicle)) = (&mut self.dialogue, self.identity.vehicle()) {
+            due.messages.extend(dialogue.sync.poll(now));
+            let (request, refusals) = dialogue.requests.poll(now, vehicle);
+            due.messages.extend(request);
+            due.refusals = refusals;
+        }
+        due
+    }
+}
+
+impl Dialogue {
+    fn timesync(&mut self, at: Stamp<Companion>, message: &TIMESYNC_DATA, boot_now: Option<i64>) -> Reply {
+        // Without an idea of its clock a question cannot be answered: an answer of ours would be another time base.
+        if message.tc1 == 0 && boot_now.is_none() {
+            return Reply::default();
+        }
+        let answer_ns = boot_now.unwrap_or(0).saturating_mul(1000);
+        match self.sync.hear(at, self.autopilot, message, answer_ns) {
+            TimeSyncHeard::Answer(answer) => {
+                Reply { answer: Some(MavMessage::TIMESYNC(answer)), clock_set: None }
+            }
+            TimeSyncHeard::Stepped { step } => {
+                self.requests.restart();
+                Reply { answer: None, clock_set: Some(step) }
+            }
+            TimeSyncHeard::Measured { .. } | TimeSyncHeard::Ignored => Reply::default(),
+        }
+    }
+}
