@@ -34,14 +34,14 @@ const LEAST_IMU_HZ: f64 = 20.0;
 
 /// Rate and gaps of one kind of sample.
 #[derive(Clone, Copy, Debug, Default)]
-struct Stream {
+struct KindStatistics {
     n: u64,
     first: Option<ApTime>,
     last: Option<ApTime>,
     longest_gap_s: f64,
 }
 
-impl Stream {
+impl KindStatistics {
     fn note(&mut self, time: ApTime) {
         if let Some(last) = self.last {
             self.longest_gap_s = self.longest_gap_s.max(time.seconds_since(last));
@@ -68,7 +68,7 @@ struct InspectReport {
     bad_crc: u64,
     truncated: bool,
     reboots: u32,
-    samples: Vec<StreamReport>,
+    samples: Vec<KindReport>,
     truth: bool,
     messages: Vec<MessageReport>,
     can: Vec<String>,
@@ -76,7 +76,7 @@ struct InspectReport {
 }
 
 #[derive(Debug, Serialize)]
-struct StreamReport {
+struct KindReport {
     kind: &'static str,
     count: u64,
     rate_hz: Option<f64>,
@@ -127,7 +127,7 @@ pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<
 pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let log = Log::open(&args.log, settings.system)?;
-    let mut streams = [Stream::default(); SampleKind::ALL.len()];
+    let mut streams = [KindStatistics::default(); SampleKind::ALL.len()];
     let mut messages: BTreeMap<(u8, u8, u32), (String, u64)> = BTreeMap::new();
     let mut truth = false;
     let mut airframe = None;
@@ -176,7 +176,7 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
             .into_iter()
             .map(|k| {
                 let s = &streams[k as usize];
-                StreamReport {
+                KindReport {
                     kind: k.label(),
                     count: s.n,
                     rate_hz: s.rate_hz(),

@@ -27,7 +27,7 @@ use crate::wire::frame::{Frame, SystemId};
 use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
 use crate::wire::messages::from_any_component;
 use crate::wire::session::autopilot::AutopilotSession;
-use crate::wire::session::heartbeat::{Health, HeartbeatSender, heartbeat};
+use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus, heartbeat};
 use crate::wire::session::identity::{IdentityEvent, Sender};
 use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
 use crate::wire::session::transmitter::Transmitter;
@@ -162,25 +162,25 @@ impl Daemon {
             }
         }
         let code = self.state().1;
-        self.transmitter.broadcast(&heartbeat(Health::PowerOff, code));
+        self.transmitter.broadcast(&heartbeat(SystemStatus::PowerOff, code));
         tokio::time::sleep(LAST_WORDS).await;
         self.summary(self.clock.now())
     }
 
     /// What our heartbeat says.
-    fn state(&self) -> (Health, u32) {
+    fn state(&self) -> (SystemStatus, u32) {
         if self.session.vehicle().is_none() {
-            return (Health::Boot, CODE_NO_AUTOPILOT);
+            return (SystemStatus::Boot, CODE_NO_AUTOPILOT);
         }
         if self.watch.silent() || !self.session.is_heard() {
-            return (Health::Critical, CODE_SILENT);
+            return (SystemStatus::Critical, CODE_SILENT);
         }
         let mode = self.pipeline.navigator.mode();
         let health = match mode {
-            Mode::Aligning if self.solution.is_none() => Health::Boot,
-            Mode::Aligning => Health::Standby,
-            Mode::Aided | Mode::Holdover | Mode::Rejoining => Health::Active,
-            Mode::Lost => Health::Critical,
+            Mode::Aligning if self.solution.is_none() => SystemStatus::Boot,
+            Mode::Aligning => SystemStatus::Standby,
+            Mode::Aided | Mode::Holdover | Mode::Rejoining => SystemStatus::Active,
+            Mode::Lost => SystemStatus::Critical,
         };
         (health, mode_code(mode))
     }

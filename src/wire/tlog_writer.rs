@@ -76,7 +76,7 @@ impl<W: Write> TlogWriter<W> {
 mod tests {
     use super::*;
     use crate::wire::frame::{ComponentId, SystemId};
-    use crate::wire::session::heartbeat::{Health, heartbeat};
+    use crate::wire::session::heartbeat::{SystemStatus, heartbeat};
     use crate::wire::tlog::TlogReader;
 
     #[test]
@@ -85,7 +85,7 @@ mod tests {
         let from = Address { system: SystemId(7), component: ComponentId::AUTOPILOT };
         let mut writer = TlogWriter::new(&mut bytes, from);
         for i in 0..300 {
-            writer.write(1_767_225_600_000_000 + i, &heartbeat(Health::Active, i as u32)).unwrap();
+            writer.write(1_767_225_600_000_000 + i, &heartbeat(SystemStatus::Active, i as u32)).unwrap();
         }
         writer.finish().unwrap();
         assert_eq!(writer.count(), 300);
@@ -94,7 +94,7 @@ mod tests {
         let mut n = 0;
         while let Some(record) = reader.next_record().unwrap() {
             assert_eq!(record.written_us, 1_767_225_600_000_000 + n);
-            assert_eq!(record.frame.parse().unwrap(), heartbeat(Health::Active, n as u32));
+            assert_eq!(record.frame.parse().unwrap(), heartbeat(SystemStatus::Active, n as u32));
             assert_eq!(record.frame.system(), SystemId(7));
             n += 1;
         }
@@ -113,7 +113,7 @@ mod tests {
             }
         }
         let from = Address { system: SystemId(1), component: ComponentId::AUTOPILOT };
-        let error = TlogWriter::new(Full, from).write(0, &heartbeat(Health::Boot, 0)).unwrap_err();
+        let error = TlogWriter::new(Full, from).write(0, &heartbeat(SystemStatus::Boot, 0)).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::StorageFull);
     }
 }

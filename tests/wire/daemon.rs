@@ -403,7 +403,7 @@ async fn of_two_vehicles_the_second_is_ignored() {
     // Another system behind the same address.
     let other = Address { system: SystemId(2), component: ComponentId(1) };
     let holdover_beat = holdover::wire::session::heartbeat::heartbeat;
-    let beat = holdover_beat(holdover::wire::session::heartbeat::Health::Active, 0);
+    let beat = holdover_beat(holdover::wire::session::heartbeat::SystemStatus::Active, 0);
     first.send(&FrameWriter::new(other).write(&beat).unwrap()).await;
     holdover.wait_for("system 2 is heard, too, and ignored", 1);
     holdover.stop();

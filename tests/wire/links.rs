@@ -99,8 +99,8 @@ fn ground_station() -> FrameBytes {
 
 /// What Holdover sends.
 fn ours(code: u8) -> FrameBytes {
-    use holdover::wire::session::heartbeat::{Health, heartbeat};
-    frame(1, &heartbeat(Health::Active, u32::from(code) + 1))
+    use holdover::wire::session::heartbeat::{SystemStatus, heartbeat};
+    frame(1, &heartbeat(SystemStatus::Active, u32::from(code) + 1))
 }
 
 async fn receive(links: &mut Links) -> ReceivedFrame {

@@ -8,7 +8,7 @@ use crate::sample::{GnssFix, GnssSample, GroundVelocity, Input, Sample};
 use super::{Cause, Decoder, Out};
 
 /// What GPS_RAW_INT and GPS2_RAW have in common.
-struct Raw {
+struct RawFix {
     time_usec: u64,
     fix: apm::GpsFixType,
     lat_lon_e7: [i32; 2],
@@ -19,10 +19,10 @@ struct Raw {
     satellites: u8,
 }
 
-/// [`Raw`] of either message: two types with the same fields.
+/// [`RawFix`] of either message: two types with the same fields.
 macro_rules! raw {
     ($m:expr) => {
-        Raw {
+        RawFix {
             time_usec: $m.time_usec,
             fix: $m.fix_type,
             lat_lon_e7: [$m.lat, $m.lon],
@@ -46,7 +46,7 @@ impl Decoder {
         self.receiver(1, &raw, out)
     }
 
-    fn receiver(&mut self, receiver: u8, raw: &Raw, out: Out<'_>) -> Result<(), Cause> {
+    fn receiver(&mut self, receiver: u8, raw: &RawFix, out: Out<'_>) -> Result<(), Cause> {
         let fix = match raw.fix {
             apm::GpsFixType::GPS_FIX_TYPE_NO_GPS | apm::GpsFixType::GPS_FIX_TYPE_NO_FIX => GnssFix::None,
             apm::GpsFixType::GPS_FIX_TYPE_2D_FIX => GnssFix::TwoD,

@@ -79,7 +79,7 @@ mod tests {
     use super::*;
     use crate::wire::frame::{ComponentId, SystemId};
     use crate::wire::session::Address;
-    use crate::wire::session::heartbeat::{Health, heartbeat};
+    use crate::wire::session::heartbeat::{SystemStatus, heartbeat};
     use crate::wire::session::outgoing::FrameWriter;
 
     #[derive(Debug, PartialEq, Eq, Clone)]
@@ -118,7 +118,7 @@ mod tests {
     fn frames(n: u32) -> Vec<Vec<u8>> {
         let from = Address { system: SystemId(1), component: ComponentId(1) };
         let mut writer = FrameWriter::new(from);
-        (0..n).map(|i| writer.write(&heartbeat(Health::Active, i)).unwrap().to_vec()).collect()
+        (0..n).map(|i| writer.write(&heartbeat(SystemStatus::Active, i)).unwrap().to_vec()).collect()
     }
 
     proptest! {

@@ -198,10 +198,10 @@ pub struct LinkHandles {
 }
 
 enum Transport {
-    UdpIn(udp::In),
-    UdpOut(udp::Out),
-    TcpIn(tcp::In),
-    TcpOut(tcp::Out),
+    UdpIn(udp::UdpServer),
+    UdpOut(udp::UdpClient),
+    TcpIn(tcp::TcpServer),
+    TcpOut(tcp::TcpClient),
     Serial(serial::Port),
 }
 
@@ -261,10 +261,10 @@ fn chooses_its_port(endpoint: &Endpoint) -> bool {
 impl Transport {
     async fn open(endpoint: &Endpoint) -> Result<Transport, OpenError> {
         Ok(match endpoint {
-            Endpoint::UdpIn(address) => Transport::UdpIn(udp::In::bind(endpoint, address).await?),
-            Endpoint::UdpOut(address) => Transport::UdpOut(udp::Out::new(address)),
-            Endpoint::TcpIn(address) => Transport::TcpIn(tcp::In::bind(endpoint, address).await?),
-            Endpoint::TcpOut(address) => Transport::TcpOut(tcp::Out::new(address)),
+            Endpoint::UdpIn(address) => Transport::UdpIn(udp::UdpServer::bind(endpoint, address).await?),
+            Endpoint::UdpOut(address) => Transport::UdpOut(udp::UdpClient::new(address)),
+            Endpoint::TcpIn(address) => Transport::TcpIn(tcp::TcpServer::bind(endpoint, address).await?),
+            Endpoint::TcpOut(address) => Transport::TcpOut(tcp::TcpClient::new(address)),
             Endpoint::Serial(port) => Transport::Serial(serial::Port::open(endpoint, port)?),
         })
     }

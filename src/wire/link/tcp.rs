@@ -15,11 +15,11 @@ use crate::wire::endpoint::{Endpoint, HostPort};
 
 /// Connects to a server.
 #[derive(Debug)]
-pub(super) struct Out {
+pub(super) struct TcpClient {
     address: HostPort,
 }
 
-impl Out {
+impl TcpClient {
     pub(super) fn new(address: &HostPort) -> Self {
         Self { address: address.clone() }
     }
@@ -29,7 +29,7 @@ impl Out {
     }
 }
 
-impl Connect for Out {
+impl Connect for TcpClient {
     type Stream = TcpStream;
 
     async fn connect(&self, shared: &Shared) -> io::Result<(TcpStream, String)> {
@@ -51,11 +51,11 @@ impl Connect for Out {
 
 /// Listens, and serves one client at a time. Another is turned away, unless the one that is served has fallen silent.
 #[derive(Debug)]
-pub(super) struct In {
+pub(super) struct TcpServer {
     listener: TcpListener,
 }
 
-impl In {
+impl TcpServer {
     pub(super) async fn bind(endpoint: &Endpoint, address: &HostPort) -> Result<Self, OpenError> {
         let resolved = lookup_host((address.host(), address.port())).await;
         let addresses: Vec<SocketAddr> = resolved.map_err(udp::cannot_resolve(endpoint))?.collect();

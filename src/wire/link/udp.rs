@@ -70,11 +70,11 @@ async fn survive(shared: &Shared, error: io::Error, failures: &mut u32) -> Resul
 
 /// Listens at an address, and answers the autopilot that is heard there.
 #[derive(Debug)]
-pub(super) struct In {
+pub(super) struct UdpServer {
     socket: UdpSocket,
 }
 
-impl In {
+impl UdpServer {
     pub(super) async fn bind(endpoint: &Endpoint, address: &HostPort) -> Result<Self, OpenError> {
         let resolved = lookup_host((address.host(), address.port())).await;
         let addresses: Vec<SocketAddr> = resolved.map_err(cannot_resolve(endpoint))?.collect();
@@ -211,11 +211,11 @@ async fn release_silent(shared: &Shared, pin: &SharedPin) -> Infallible {
 
 /// Sends to an address, and hears what comes back from it.
 #[derive(Debug)]
-pub(super) struct Out {
+pub(super) struct UdpClient {
     address: HostPort,
 }
 
-impl Out {
+impl UdpClient {
     pub(super) fn new(address: &HostPort) -> Self {
         Self { address: address.clone() }
     }

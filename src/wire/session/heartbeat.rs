@@ -8,7 +8,7 @@ use crate::time::{Companion, Span, Stamp};
 
 /// What Holdover tells the world of itself, in `system_status`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Health {
+pub enum SystemStatus {
     /// Starting: no autopilot yet, or no solution yet.
     Boot,
     /// Finding attitude and place.
@@ -21,14 +21,14 @@ pub enum Health {
     PowerOff,
 }
 
-impl Health {
+impl SystemStatus {
     fn mav_state(self) -> MavState {
         match self {
-            Health::Boot => MavState::MAV_STATE_BOOT,
-            Health::Standby => MavState::MAV_STATE_STANDBY,
-            Health::Active => MavState::MAV_STATE_ACTIVE,
-            Health::Critical => MavState::MAV_STATE_CRITICAL,
-            Health::PowerOff => MavState::MAV_STATE_POWEROFF,
+            SystemStatus::Boot => MavState::MAV_STATE_BOOT,
+            SystemStatus::Standby => MavState::MAV_STATE_STANDBY,
+            SystemStatus::Active => MavState::MAV_STATE_ACTIVE,
+            SystemStatus::Critical => MavState::MAV_STATE_CRITICAL,
+            SystemStatus::PowerOff => MavState::MAV_STATE_POWEROFF,
         }
     }
 }
@@ -50,7 +50,7 @@ impl HeartbeatSender {
     }
 
     /// The heartbeat to send now, if one is due. `code` goes out as `custom_mode`.
-    pub fn poll(&mut self, now: Stamp<Companion>, health: Health, code: u32) -> Option<MavMessage> {
+    pub fn poll(&mut self, now: Stamp<Companion>, health: SystemStatus, code: u32) -> Option<MavMessage> {
         if self.due.is_some_and(|due| now < due) {
             return None;
         }
@@ -70,7 +70,7 @@ impl Default for HeartbeatSender {
 }
 
 /// A HEARTBEAT of an onboard controller that is no autopilot and is never armed.
-pub fn heartbeat(health: Health, code: u32) -> MavMessage {
+pub fn heartbeat(health: SystemStatus, code: u32) -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: code,
         mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
@@ -94,21 +94,21 @@ mod tests {
     #[test]
     fn beats_once_a_second_whenever_it_is_polled() {
         let mut sender = HeartbeatSender::default();
-        let beats = (0..10_000).step_by(7).filter(|&ms| sender.poll(at(ms), Health::Boot, 0).is_some());
+        let beats = (0..10_000).step_by(7).filter(|&ms| sender.poll(at(ms), SystemStatus::Boot, 0).is_some());
         assert_eq!(beats.count(), 10);
     }
 
     #[test]
     fn missed_beats_are_not_made_up_for() {
         let mut sender = HeartbeatSender::default();
-        assert!(sender.poll(at(0), Health::Active, 0).is_some());
-        assert!(sender.poll(at(60_000), Health::Active, 0).is_some());
-        assert!(sender.poll(at(60_001), Health::Active, 0).is_none());
+        assert!(sender.poll(at(0), SystemStatus::Active, 0).is_some());
+        assert!(sender.poll(at(60_000), SystemStatus::Active, 0).is_some());
+        assert!(sender.poll(at(60_001), SystemStatus::Active, 0).is_none());
     }
 
     #[test]
     fn never_says_armed_and_is_never_taken_for_an_autopilot() {
-        let frame = frame_of(1, 197, &heartbeat(Health::Active, 7));
+        let frame = frame_of(1, 197, &heartbeat(SystemStatus::Active, 7));
         let fields = HeartbeatFields::read(&frame.frame().unwrap()).unwrap();
         assert!(!fields.armed() && !fields.is_autopilot());
         assert_eq!((fields.custom_mode, fields.vehicle_type, fields.autopilot), (7, 18, 8));

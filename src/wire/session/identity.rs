@@ -207,12 +207,12 @@ struct Pinned {
     vehicle: Vehicle,
     heartbeat: Stamp<Companion>,
     lost: bool,
-    question: Question,
+    question: VersionQuestion,
 }
 
 /// The state of the question for the firmware's version.
 #[derive(Clone, Debug, PartialEq)]
-enum Question {
+enum VersionQuestion {
     Open { asked: u8, due: Stamp<Companion> },
     Answered,
     GivenUp,
@@ -282,15 +282,15 @@ impl Identity {
             pinned.lost = true;
             return IdentityPoll { send: None, event: Some(IdentityEvent::Lost { silent }) };
         }
-        let Question::Open { asked, due } = pinned.question else { return IdentityPoll::default() };
+        let VersionQuestion::Open { asked, due } = pinned.question else { return IdentityPoll::default() };
         if pinned.lost || now < due {
             return IdentityPoll::default();
         }
         if asked >= self.config.version_attempts {
-            pinned.question = Question::GivenUp;
+            pinned.question = VersionQuestion::GivenUp;
             return IdentityPoll { send: None, event: Some(IdentityEvent::VersionUnknown) };
         }
-        pinned.question = Question::Open { asked: asked + 1, due: now + self.config.version_retry };
+        pinned.question = VersionQuestion::Open { asked: asked + 1, due: now + self.config.version_retry };
         let command = MavCmd::MAV_CMD_REQUEST_MESSAGE;
         let ask = command_long(pinned.vehicle.address(), command, AUTOPILOT_VERSION_DATA::ID as f32, 0.0);
         IdentityPoll { send: Some(ask), event: None }
@@ -307,7 +307,7 @@ impl Pinned {
             armed: fields.armed(),
             version: None,
         };
-        Self { vehicle, heartbeat: now, lost: false, question: Question::Open { asked: 0, due: now } }
+        Self { vehicle, heartbeat: now, lost: false, question: VersionQuestion::Open { asked: 0, due: now } }
     }
 
     fn heartbeat(
@@ -325,7 +325,7 @@ impl Pinned {
         let was_armed = std::mem::replace(&mut self.vehicle.armed, fields.armed());
         if std::mem::take(&mut self.lost) {
             // Other firmware may have been loaded meanwhile.
-            self.question = Question::Open { asked: 0, due: now };
+            self.question = VersionQuestion::Open { asked: 0, due: now };
             return Some(IdentityEvent::Back);
         }
         (was_armed != self.vehicle.armed).then_some(IdentityEvent::Armed(self.vehicle.armed))
@@ -334,7 +334,7 @@ impl Pinned {
     fn version(&mut self, frame: &Frame<'_>) -> Option<IdentityEvent> {
         let Ok(MavMessage::AUTOPILOT_VERSION(data)) = frame.parse() else { return None };
         let version = FirmwareVersion::from_packed(data.flight_sw_version)?;
-        self.question = Question::Answered;
+        self.question = VersionQuestion::Answered;
         let before = self.vehicle.version.replace(version);
         (before != Some(version)).then_some(IdentityEvent::Version(version))
     }

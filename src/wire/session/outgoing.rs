@@ -44,7 +44,7 @@ impl FrameWriter {
 
 #[cfg(test)]
 mod tests {
-    use super::super::heartbeat::{Health, heartbeat};
+    use super::super::heartbeat::{SystemStatus, heartbeat};
     use super::*;
     use crate::wire::frame::{ComponentId, Scan, SystemId, scan};
 
@@ -52,7 +52,7 @@ mod tests {
     fn frames_are_valid_and_numbered_from_0_to_255_and_again() {
         let from = Address { system: SystemId(9), component: ComponentId::ODOMETRY_SOURCE };
         let mut writer = FrameWriter::new(from);
-        let message = heartbeat(Health::Active, 42);
+        let message = heartbeat(SystemStatus::Active, 42);
         for i in 0..300u32 {
             let bytes = writer.write(&message).unwrap();
             let Scan::Frame(frame) = scan(&bytes, true) else { panic!("frame {i} is not valid") };

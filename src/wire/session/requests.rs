@@ -4,7 +4,7 @@ use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{GPS_GLOBAL_ORIGIN_DATA, HIGHRES_IMU_DATA, MavMessage};
 
 use super::identity::{AutopilotKind, Vehicle};
-use super::streams::{StreamVerdict, Streams, StreamsConfig, WantedStream};
+use super::streams::{MessageStreams, StreamVerdict, StreamsConfig, WantedStream};
 use super::{Address, request_message};
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::messages::{Rate, TABLE, name_of};
@@ -73,7 +73,7 @@ pub struct StreamRequests {
     settings: StreamSettings,
     autopilot: Address,
     kind: AutopilotKind,
-    streams: Streams,
+    streams: MessageStreams,
     told: Vec<u32>,
     origin_known: bool,
     origin_asked: u8,
@@ -95,7 +95,7 @@ impl StreamRequests {
             settings,
             autopilot: vehicle.address(),
             kind: vehicle.autopilot,
-            streams: Streams::new(config, vehicle.address(), &wanted),
+            streams: MessageStreams::new(config, vehicle.address(), &wanted),
             told: Vec::new(),
             origin_known: false,
             origin_asked: 0,
@@ -105,7 +105,7 @@ impl StreamRequests {
     }
 
     /// For the autopilot's acknowledgements and rates.
-    pub fn streams(&mut self) -> &mut Streams {
+    pub fn streams(&mut self) -> &mut MessageStreams {
         &mut self.streams
     }
 

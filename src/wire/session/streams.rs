@@ -18,7 +18,7 @@ pub struct WantedStream {
     pub rate_hz: f64,
 }
 
-/// Settings of [`Streams`].
+/// Settings of [`MessageStreams`].
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StreamsConfig {
     /// Time between two requests, of whichever streams.
@@ -85,17 +85,17 @@ pub struct StreamReport {
 
 /// Asks for streams and measures them.
 #[derive(Clone, Debug)]
-pub struct Streams {
+pub struct MessageStreams {
     config: StreamsConfig,
     autopilot: Address,
-    streams: Vec<Stream>,
+    streams: Vec<RequestedStream>,
     next_ask: Option<Stamp<Companion>>,
     /// The request whose acknowledgement is awaited: COMMAND_ACK does not say which message it is about.
     waiting: Option<(usize, Stamp<Companion>)>,
 }
 
 #[derive(Clone, Debug)]
-struct Stream {
+struct RequestedStream {
     wanted: WantedStream,
     meter: RateMeter,
     asked: u8,
@@ -105,18 +105,18 @@ struct Stream {
     given_up: Option<GaveUp>,
 }
 
-impl Streams {
-    /// Will ask `autopilot` for each of `wanted`, from the first [`Streams::poll`] on.
+impl MessageStreams {
+    /// Will ask `autopilot` for each of `wanted`, from the first [`MessageStreams::poll`] on.
     pub fn new(config: StreamsConfig, autopilot: Address, wanted: &[WantedStream]) -> Self {
         let usable = wanted.iter().filter(|w| w.rate_hz.is_finite() && w.rate_hz > 0.0);
-        let streams = usable.map(|&w| Stream::new(w)).collect();
+        let streams = usable.map(|&w| RequestedStream::new(w)).collect();
         Self { config, autopilot, streams, next_ask: None, waiting: None }
     }
 
     /// Begins anew, after a reboot or a reconnection: requests are forgotten by then.
     pub fn restart(&mut self) {
         for stream in &mut self.streams {
-            *stream = Stream::new(stream.wanted);
+            *stream = RequestedStream::new(stream.wanted);
         }
         self.next_ask = None;
         self.waiting = None;
@@ -126,7 +126,7 @@ impl Streams {
     pub fn want(&mut self, wanted: WantedStream) {
         let known = self.streams.iter().any(|s| s.wanted.message_id == wanted.message_id);
         if !known && wanted.rate_hz.is_finite() && wanted.rate_hz > 0.0 {
-            self.streams.push(Stream::new(wanted));
+            self.streams.push(RequestedStream::new(wanted));
         }
     }
 
@@ -180,7 +180,7 @@ impl Streams {
     }
 }
 
-impl Stream {
+impl RequestedStream {
     fn new(wanted: WantedStream) -> Self {
         Self {
             wanted,
@@ -350,7 +350,7 @@ mod tests {
     /// Polls every 10 ms from `from` to `to` (ms); `autopilot` is called with each request and returns its answer, `rate`
     /// gives what is sent in Hz. Returns the requests with their times.
     fn play(
-        streams: &mut Streams,
+        streams: &mut MessageStreams,
         from: i64,
         to: i64,
         mut autopilot: impl FnMut(u32, f32) -> Option<MavResult>,
@@ -379,13 +379,13 @@ mod tests {
         requests
     }
 
-    fn verdicts(streams: &Streams, ms: i64) -> Vec<StreamVerdict> {
+    fn verdicts(streams: &MessageStreams, ms: i64) -> Vec<StreamVerdict> {
         streams.reports(at(ms)).map(|r| r.verdict).collect()
     }
 
     #[test]
     fn each_stream_is_asked_for_once_if_it_comes() {
-        let mut streams = Streams::new(
+        let mut streams = MessageStreams::new(
             StreamsConfig::default(),
             AUTOPILOT,
             &wanted(&[(HIGHRES_IMU, 100.0), (ATTITUDE, 50.0)]),
@@ -408,7 +408,8 @@ mod tests {
 
     #[test]
     fn a_wish_that_cannot_be_met_is_given_up() {
-        let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(HIGHRES_IMU, 200.0)]));
+        let mut streams =
+            MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(HIGHRES_IMU, 200.0)]));
         let requests = play(&mut streams, 0, 600_000, |_, _| Some(MavResult::MAV_RESULT_ACCEPTED), |_| 125);
         assert_eq!(requests.len(), 5, "{requests:?}");
         let pauses: Vec<i64> = requests.windows(2).map(|w| w[1].0 - w[0].0).collect();
@@ -420,7 +421,7 @@ mod tests {
 
     #[test]
     fn refusals_end_it_and_silence_ends_it_after_all_attempts() {
-        let mut streams = Streams::new(
+        let mut streams = MessageStreams::new(
             StreamsConfig::default(),
             AUTOPILOT,
             &wanted(&[(HIGHRES_IMU, 50.0), (ATTITUDE, 50.0)]),
@@ -436,7 +437,8 @@ mod tests {
 
     #[test]
     fn a_rate_that_another_client_overwrites_is_asked_for_again() {
-        let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
+        let mut streams =
+            MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
         let accepted = |_, _: f32| Some(MavResult::MAV_RESULT_ACCEPTED);
         assert_eq!(play(&mut streams, 0, 100_000, accepted, |_| 50).len(), 1);
         let again = play(&mut streams, 100_000, 101_500, accepted, |_| 4);
@@ -447,7 +449,8 @@ mod tests {
 
     #[test]
     fn a_quarrel_with_another_client_ends() {
-        let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
+        let mut streams =
+            MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
         let accepted = |_, _: f32| Some(MavResult::MAV_RESULT_ACCEPTED);
         let mut requests = 0;
         // The other one wins every 20 s.
@@ -462,10 +465,10 @@ mod tests {
     #[test]
     fn requests_keep_their_pace_and_wait_for_an_acknowledgement() {
         let many: Vec<(u32, f64)> = (0..12).map(|i| (200 + i, 10.0)).collect();
-        let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&many));
+        let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&many));
         let requests = play(&mut streams, 0, 20_000, |_, _| None, |_| 0);
         assert!(requests.windows(2).all(|w| w[1].0 - w[0].0 >= 1000), "{requests:?}");
-        let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&many));
+        let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&many));
         let requests = play(&mut streams, 0, 3000, |_, _| Some(MavResult::MAV_RESULT_ACCEPTED), |_| 0);
         assert_eq!(requests.len(), 12);
         assert!(requests.windows(2).all(|w| w[1].0 - w[0].0 >= 250), "{requests:?}");
@@ -473,7 +476,8 @@ mod tests {
 
     #[test]
     fn a_restart_asks_for_everything_again() {
-        let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
+        let mut streams =
+            MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
         let denied = |_, _: f32| Some(MavResult::MAV_RESULT_DENIED);
         assert_eq!(play(&mut streams, 0, 30_000, denied, |_| 0).len(), 1);
         streams.restart();
@@ -483,7 +487,8 @@ mod tests {
 
     #[test]
     fn acknowledgements_for_others_are_not_ours() {
-        let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
+        let mut streams =
+            MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
         streams.poll(at(0)).unwrap();
         let other = COMMAND_ACK_DATA { target_component: 190, ..ack(MavResult::MAV_RESULT_DENIED) };
         streams.acknowledge(US, &other);
@@ -530,7 +535,7 @@ mod tests {
 
         #[test]
         fn stamps_in_any_order_never_panic(stamps in prop::collection::vec(any::<i64>(), 0..60)) {
-            let mut streams = Streams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0), (1, f64::NAN)]));
+            let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0), (1, f64::NAN)]));
             for us in stamps {
                 streams.hear(Stamp::from_micros(us), ATTITUDE);
                 streams.poll(Stamp::from_micros(us));

@@ -90,13 +90,13 @@ pub enum TimeSyncHeard {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Question {
+struct OpenQuestion {
     number: i64,
     sent: Stamp<Companion>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Sample {
+struct ClockReading {
     offset: Span,
     round_trip: Span,
     at: Stamp<Companion>,
@@ -117,10 +117,10 @@ pub struct TimeSync {
     config: TimeSyncConfig,
     us: Address,
     autopilot: Address,
-    open: VecDeque<Question>,
-    samples: VecDeque<Sample>,
-    suspects: VecDeque<Sample>,
-    estimate: Option<Sample>,
+    open: VecDeque<OpenQuestion>,
+    samples: VecDeque<ClockReading>,
+    suspects: VecDeque<ClockReading>,
+    estimate: Option<ClockReading>,
     used_in_window: usize,
     next_ask: Option<Stamp<Companion>>,
     counters: TimeSyncCounters,
@@ -187,7 +187,7 @@ impl TimeSync {
         while self.open.len() >= MAX_OPEN {
             self.open.pop_front();
         }
-        self.open.push_back(Question { number, sent: now });
+        self.open.push_back(OpenQuestion { number, sent: now });
         Some(MavMessage::TIMESYNC(timesync(0, number, self.autopilot)))
     }
 
@@ -222,10 +222,10 @@ impl TimeSync {
         }
         let middle = question.sent + Span::from_micros(round_trip.micros() / 2);
         let offset = Span::from_micros((message.tc1 / 1000).saturating_sub(middle.micros()));
-        self.measured(Sample { offset, round_trip, at: received })
+        self.measured(ClockReading { offset, round_trip, at: received })
     }
 
-    fn measured(&mut self, sample: Sample) -> TimeSyncHeard {
+    fn measured(&mut self, sample: ClockReading) -> TimeSyncHeard {
         if self.estimate.is_some_and(|estimate| contradict(&estimate, &sample)) {
             return self.suspect(sample);
         }
@@ -244,7 +244,7 @@ impl TimeSync {
         TimeSyncHeard::Measured { offset: sample.offset, round_trip: sample.round_trip }
     }
 
-    fn suspect(&mut self, sample: Sample) -> TimeSyncHeard {
+    fn suspect(&mut self, sample: ClockReading) -> TimeSyncHeard {
         self.counters.contradictions += 1;
         if self.suspects.iter().any(|s| contradict(s, &sample)) {
             self.suspects.clear();
@@ -270,7 +270,7 @@ impl TimeSync {
         else {
             return false;
         };
-        let near = |s: &Sample| s.round_trip.micros() <= best.micros() + best.micros() / 2 + 500;
+        let near = |s: &ClockReading| s.round_trip.micros() <= best.micros() + best.micros() / 2 + 500;
         // Differences to the newest are small, so the sum cannot overflow whatever the offsets are.
         let (sum, n) = self.samples.iter().filter(|s| near(s)).fold((0i128, 0i128), |(sum, n), s| {
             (sum + i128::from(s.offset.micros()) - i128::from(newest.offset.micros()), n + 1)
@@ -278,13 +278,13 @@ impl TimeSync {
         let mean = i64::try_from(i128::from(newest.offset.micros()) + sum / n.max(1));
         let offset = mean.map_or(newest.offset, Span::from_micros);
         self.used_in_window = usize::try_from(n).unwrap_or(0);
-        self.estimate = Some(Sample { offset, round_trip: best, at: newest.at });
+        self.estimate = Some(ClockReading { offset, round_trip: best, at: newest.at });
         near(&newest)
     }
 }
 
 /// Whether the bounds of two samples have no offset in common, drift allowed for.
-fn contradict(a: &Sample, b: &Sample) -> bool {
+fn contradict(a: &ClockReading, b: &ClockReading) -> bool {
     let drift = Span::from_seconds((b.at - a.at).seconds().abs() * MAX_DRIFT);
     let bound = (a.round_trip.micros() + b.round_trip.micros()) / 2 + SLACK.micros() + drift.micros();
     a.offset.micros().abs_diff(b.offset.micros()) > u64::try_from(bound).unwrap_or(0)
