@@ -7,7 +7,7 @@ use crate::navigator::solution::Solution;
 use crate::outbound::message::OutboundMessage;
 use crate::outbound::{Outbound, OutboundSettings, Profile};
 use crate::sample::{Input, Sample};
-use crate::time::{ApTime, ClockEvent};
+use crate::time::{AutopilotTime, ClockEvent};
 use crate::wire::clock::AutopilotClock;
 use crate::wire::session::identity::{AutopilotKind, Vehicle};
 
@@ -109,7 +109,7 @@ impl Pipeline {
 /// Intervals in which GNSS is withheld, in seconds since the first sample or reference: outages made by an operator.
 #[derive(Clone, Debug, Default)]
 pub struct GnssMask {
-    start: Option<ApTime>,
+    start: Option<AutopilotTime>,
     intervals: Vec<(f64, f64)>,
 }
 
@@ -125,13 +125,13 @@ impl GnssMask {
     }
 
     /// Seconds since the first sample; 0 before there was one.
-    pub fn seconds(&self, time: ApTime) -> f64 {
+    pub fn seconds(&self, time: AutopilotTime) -> f64 {
         self.start.map_or(0.0, |s| time.seconds_since(s))
     }
 
     /// Takes note of an input, the first of which is time 0. The time of a GNSS sample that is to be withheld
     /// ([`Navigator::mask_gnss`]); `None` for everything that is to be used.
-    pub fn withholds(&mut self, input: &Input) -> Option<ApTime> {
+    pub fn withholds(&mut self, input: &Input) -> Option<AutopilotTime> {
         let time = match input {
             Input::Sample(sample) => sample.time(),
             Input::Reference(reference) => reference.time(),

@@ -7,7 +7,7 @@
 use nalgebra::{Quaternion, Vector3};
 
 use crate::geo::wgs84::Geodetic;
-use crate::time::{ApTime, ClockEvent, Span};
+use crate::time::{AutopilotTime, ClockEvent, Span};
 
 /// What the core is given, in the order in which it came: everything that live flight, replay and simulation have in common.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,7 +99,7 @@ impl SampleKind {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
     /// End of the sampling interval.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Angular rate of the body relative to inertial space, rad/s.
     pub angular_rate_body: Vector3<f64>,
     /// Specific force, m/s² (about −9.8 in z when level and at rest).
@@ -110,7 +110,7 @@ pub struct ImuSample {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MagSample {
     /// When it was measured.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Which magnetometer.
     pub sensor: u8,
     /// Field, tesla.
@@ -134,7 +134,7 @@ pub enum GnssFix {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GnssSample {
     /// The receiver's stamp where it is usable, else the newest time of the stream. Latency is on top of it (configuration).
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Which receiver, 0 or 1.
     pub receiver: u8,
     /// Kind of fix.
@@ -192,7 +192,7 @@ impl GroundVelocity {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PressureSample {
     /// When it was measured (`time_boot_ms`; the message may come 0.2 s later).
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Which barometer.
     pub sensor: u8,
     /// Static pressure, Pa.
@@ -206,7 +206,7 @@ pub struct PressureSample {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlowSample {
     /// End of the integration interval.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Which sensor or patch.
     pub sensor: u8,
     /// How long the flow was integrated; zero where the message gives a rate.
@@ -245,7 +245,7 @@ pub enum RangeDirection {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RangeSample {
     /// When it was measured.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Which rangefinder.
     pub sensor: u8,
     /// Where it points.
@@ -260,7 +260,7 @@ pub struct RangeSample {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AirspeedSample {
     /// When it was measured.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Airspeed, m/s (indicated or true, as the autopilot sends it).
     pub airspeed_mps: f64,
 }
@@ -269,7 +269,7 @@ pub struct AirspeedSample {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LandmarkSample {
     /// When the picture was taken.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Which camera: the component that tells of it.
     pub camera: u8,
     /// Which landmark (`target_num`).
@@ -294,7 +294,7 @@ pub enum Sighting {
 
 impl Sample {
     /// When it was measured.
-    pub fn time(&self) -> ApTime {
+    pub fn time(&self) -> AutopilotTime {
         match self {
             Sample::Imu(s) => s.time,
             Sample::Mag(s) => s.time,
@@ -350,14 +350,14 @@ pub enum Reference {
     /// The autopilot's attitude.
     Attitude {
         /// When.
-        time: ApTime,
+        time: AutopilotTime,
         /// Rotation from body FRD to NED.
         body_to_ned: Quaternion<f64>,
     },
     /// The autopilot's position and velocity in NED at its own origin.
     Local {
         /// When.
-        time: ApTime,
+        time: AutopilotTime,
         /// Position, m.
         position_ned: Vector3<f64>,
         /// Velocity, m/s.
@@ -366,7 +366,7 @@ pub enum Reference {
     /// The autopilot's position on the globe.
     Global {
         /// When.
-        time: ApTime,
+        time: AutopilotTime,
         /// Position; height above mean sea level.
         position: Geodetic,
         /// Velocity, m/s.
@@ -378,7 +378,7 @@ pub enum Reference {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TruthState {
     /// When (SIM_STATE carries no time: the newest of the stream).
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Rotation from body FRD to NED, if told.
     pub body_to_ned: Option<Quaternion<f64>>,
     /// Position, if told; height above mean sea level.
@@ -389,7 +389,7 @@ pub struct TruthState {
 
 impl Reference {
     /// When it holds.
-    pub fn time(&self) -> ApTime {
+    pub fn time(&self) -> AutopilotTime {
         match self {
             Reference::Truth(t) => t.time,
             Reference::Attitude { time, .. }

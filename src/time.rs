@@ -41,17 +41,17 @@ pub struct Stamp<C: Clock> {
 pub struct Span(i64);
 
 /// A stamp on the autopilot's clock.
-pub type ApTime = Stamp<Autopilot>;
+pub type AutopilotTime = Stamp<Autopilot>;
 
 /// What happened to the autopilot's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClockEvent {
-    /// The autopilot has rebooted: its stamps start anew. The axis of [`ApTime`] goes on.
+    /// The autopilot has rebooted: its stamps start anew. The axis of [`AutopilotTime`] goes on.
     Reboot {
         /// The last time before.
-        before: ApTime,
+        before: AutopilotTime,
         /// The first time after.
-        after: ApTime,
+        after: AutopilotTime,
     },
     /// The stream had a hole of this length.
     Gap(Span),
@@ -138,16 +138,19 @@ mod tests {
     #[test]
     fn differences_keep_microseconds_after_a_year() {
         let year = Span::from_seconds(365.25 * 86400.0);
-        let a = ApTime::from_micros(7) + year;
+        let a = AutopilotTime::from_micros(7) + year;
         assert_eq!((a + Span::from_micros(1)) - a, Span::from_micros(1));
-        assert!((a.seconds_since(ApTime::from_micros(0)) - 31_557_600.000_007).abs() < 1e-6);
+        assert!((a.seconds_since(AutopilotTime::from_micros(0)) - 31_557_600.000_007).abs() < 1e-6);
     }
 
     #[test]
     fn arithmetic_saturates_instead_of_wrapping() {
-        let end = ApTime::from_micros(i64::MAX);
+        let end = AutopilotTime::from_micros(i64::MAX);
         assert_eq!(end + Span::from_seconds(1.0), end);
-        assert_eq!(ApTime::from_micros(i64::MIN) - Span::from_micros(5), ApTime::from_micros(i64::MIN));
+        assert_eq!(
+            AutopilotTime::from_micros(i64::MIN) - Span::from_micros(5),
+            AutopilotTime::from_micros(i64::MIN)
+        );
     }
 
     #[test]

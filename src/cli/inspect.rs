@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::navigator::landmarks::LandmarkSetup;
 use crate::replay::log::Log;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 use crate::wire::frame::Frame;
 use crate::wire::messages;
 
@@ -36,13 +36,13 @@ const LEAST_IMU_HZ: f64 = 20.0;
 #[derive(Clone, Copy, Debug, Default)]
 struct KindStatistics {
     n: u64,
-    first: Option<ApTime>,
-    last: Option<ApTime>,
+    first: Option<AutopilotTime>,
+    last: Option<AutopilotTime>,
     longest_gap_s: f64,
 }
 
 impl KindStatistics {
-    fn note(&mut self, time: ApTime) {
+    fn note(&mut self, time: AutopilotTime) {
         if let Some(last) = self.last {
             self.longest_gap_s = self.longest_gap_s.max(time.seconds_since(last));
         }
@@ -131,7 +131,7 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     let mut messages: BTreeMap<(u8, u8, u32), (String, u64)> = BTreeMap::new();
     let mut truth = false;
     let mut airframe = None;
-    let mut span: Option<(ApTime, ApTime)> = None;
+    let mut span: Option<(AutopilotTime, AutopilotTime)> = None;
     let summary = log.play(
         |frame, _| {
             let entry = messages

@@ -292,7 +292,7 @@ fn print_innovations(navigator: &Navigator) {
 struct SolutionCsv {
     file: BufWriter<File>,
     failed: Option<std::io::Error>,
-    due: Option<crate::time::ApTime>,
+    due: Option<crate::time::AutopilotTime>,
 }
 
 const CSV_PERIOD: Span = Span::from_millis(50);

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::motion::BodyMotion;
 use crate::geo::so3;
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 /// Pose of the body in D.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +44,7 @@ pub enum NotRemembered {
 
 #[derive(Clone, Copy, Debug)]
 struct Point {
-    time: ApTime,
+    time: AutopilotTime,
     pose: DeadReckoned,
     /// What leads to the next point.
     onward: BodyMotion,
@@ -68,7 +68,7 @@ const FASTEST: f64 = 1e3;
 impl DeadReckoning {
     /// Starts at `time` in the origin of D, its axes those of the body. Remembers `history_s`, and no more than `capacity` points; between
     /// motions that are more than `gap_s` apart it tells so.
-    pub fn new(time: ApTime, history_s: f64, gap_s: f64, capacity: usize) -> Self {
+    pub fn new(time: AutopilotTime, history_s: f64, gap_s: f64, capacity: usize) -> Self {
         let capacity = capacity.max(2);
         let mut points = VecDeque::with_capacity(capacity + 1);
         let pose = DeadReckoned { r_body_to_d: Matrix3::identity(), position_d: Vector3::zeros() };
@@ -78,7 +78,7 @@ impl DeadReckoning {
     }
 
     /// Carries on to `time` by a motion that was held since the present.
-    pub fn push(&mut self, time: ApTime, motion: &BodyMotion) -> MotionVerdict {
+    pub fn push(&mut self, time: AutopilotTime, motion: &BodyMotion) -> MotionVerdict {
         if !motion.is_finite() || motion.velocity_body.amax().max(motion.angular_rate_body.amax()) > FASTEST {
             return MotionVerdict::NotFinite;
         }
@@ -104,8 +104,8 @@ impl DeadReckoning {
     }
 
     /// The present.
-    pub fn time(&self) -> ApTime {
-        self.points.back().map_or(ApTime::from_micros(0), |p| p.time)
+    pub fn time(&self) -> AutopilotTime {
+        self.points.back().map_or(AutopilotTime::from_micros(0), |p| p.time)
     }
 
     /// Where the body is.
@@ -118,7 +118,7 @@ impl DeadReckoning {
     ///
     /// # Errors
     /// [`NotRemembered`].
-    pub fn at(&self, time: ApTime) -> Result<DeadReckoned, NotRemembered> {
+    pub fn at(&self, time: AutopilotTime) -> Result<DeadReckoned, NotRemembered> {
         let now = self.time();
         if time > now {
             return Err(NotRemembered::Future(time.seconds_since(now)));
@@ -144,8 +144,8 @@ fn moved(from: &DeadReckoned, motion: &BodyMotion, dt_s: f64) -> DeadReckoned {
 mod tests {
     use super::*;
 
-    fn ms(ms: i64) -> ApTime {
-        ApTime::from_micros(ms * 1000)
+    fn ms(ms: i64) -> AutopilotTime {
+        AutopilotTime::from_micros(ms * 1000)
     }
 
     const TURNING: BodyMotion = BodyMotion {

@@ -18,7 +18,7 @@ use super::refined::{Refined, Rigid};
 use super::settings::{CameraMount, LandmarkMap, LandmarkSettings};
 use super::sighting::{LandmarkSighting, SightingVerdict, in_d};
 use super::tracker::{Event, Tracker};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 /// Where a filter starts: a pose, and how far it may be off.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +54,7 @@ pub enum PoseSource {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LandmarkPose {
     /// When it holds.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Position in the landmarks' frame, m.
     pub position_ned: Vector3<f64>,
     /// Attitude.
@@ -90,7 +90,7 @@ pub struct LandmarkFilter {
     cameras: Vec<CameraMount>,
     reckoning: DeadReckoning,
     ordered: Ordered<Tracker>,
-    gravity_at: ApTime,
+    gravity_at: AutopilotTime,
     restarts: u32,
 }
 
@@ -113,7 +113,7 @@ impl LandmarkFilter {
         settings: LandmarkSettings,
         map: LandmarkMap,
         cameras: Vec<CameraMount>,
-        time: ApTime,
+        time: AutopilotTime,
         guess: &PoseGuess,
     ) -> Self {
         let reckoning = DeadReckoning::new(time, settings.history_s, settings.gap_s, settings.motions);
@@ -136,7 +136,7 @@ impl LandmarkFilter {
     }
 
     /// Until when the motion is known.
-    pub fn time(&self) -> ApTime {
+    pub fn time(&self) -> AutopilotTime {
         self.reckoning.time()
     }
 
@@ -144,7 +144,7 @@ impl LandmarkFilter {
     /// known to [`LandmarkSettings::gravity_sigma_rad`]. Allocates nothing.
     pub fn push(
         &mut self,
-        time: ApTime,
+        time: AutopilotTime,
         motion: &BodyMotion,
         down_body: Option<&Vector3<f64>>,
     ) -> MotionVerdict {
@@ -269,7 +269,7 @@ impl LandmarkFilter {
     }
 }
 
-fn started(map: &LandmarkMap, time: ApTime, guess: &PoseGuess, at: &DeadReckoned) -> Tracker {
+fn started(map: &LandmarkMap, time: AutopilotTime, guess: &PoseGuess, at: &DeadReckoned) -> Tracker {
     let (position, rotation) =
         (guess.position_sigma_m, guess.attitude_sigma_rad.min(PoseGuess::ANY_ATTITUDE));
     let from_centroid = guess.position_ned - map.centroid();

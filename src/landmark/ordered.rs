@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// A state that events change.
 pub trait Replayed: Clone {
@@ -17,11 +17,11 @@ pub trait Replayed: Clone {
     type Context;
 
     /// Goes on to `time` and takes the event.
-    fn apply(&mut self, context: &Self::Context, time: ApTime, event: &Self::Event) -> Self::Verdict;
+    fn apply(&mut self, context: &Self::Context, time: AutopilotTime, event: &Self::Event) -> Self::Verdict;
 }
 
 /// Where an event stands: its time, and a rank among those of the same time.
-pub type Place = (ApTime, u64);
+pub type Place = (AutopilotTime, u64);
 
 #[derive(Clone, Debug)]
 struct Entry<S: Replayed> {
@@ -61,7 +61,7 @@ impl<S: Replayed> Ordered<S> {
     }
 
     /// Events before `time` are final.
-    pub fn close(&mut self, time: ApTime) {
+    pub fn close(&mut self, time: AutopilotTime) {
         while self.entries.front().is_some_and(|e| e.place.0 < time) {
             self.settle();
         }
@@ -121,7 +121,7 @@ mod tests {
         type Event = u64;
         type Verdict = u64;
         type Context = ();
-        fn apply(&mut self, (): &(), time: ApTime, event: &u64) -> u64 {
+        fn apply(&mut self, (): &(), time: AutopilotTime, event: &u64) -> u64 {
             self.0 = (3 * self.0 + event + time.micros() as u64) % 1_000_003;
             self.0
         }
@@ -130,7 +130,7 @@ mod tests {
     proptest! {
         #[test]
         fn the_order_of_arrival_does_not_matter(events in proptest::collection::vec((0..50i64, 0..9u64), 1..40), seed in 0..1000usize) {
-            let all: Vec<(Place, u64)> = events.iter().enumerate().map(|(i, (t, e))| ((ApTime::from_micros(*t), i as u64), *e)).collect();
+            let all: Vec<(Place, u64)> = events.iter().enumerate().map(|(i, (t, e))| ((AutopilotTime::from_micros(*t), i as u64), *e)).collect();
             let run = |order: &[(Place, u64)]| {
                 let mut ordered = Ordered::new(Chain(7), 64);
                 order.iter().for_each(|(place, e)| { ordered.insert(&(), *place, *e).unwrap(); });
@@ -145,13 +145,13 @@ mod tests {
 
     #[test]
     fn the_past_closes_and_a_place_is_taken_once() {
-        let at = |us| (ApTime::from_micros(us), 0);
+        let at = |us| (AutopilotTime::from_micros(us), 0);
         let mut ordered = Ordered::new(Chain(1), 3);
         for us in [10, 20, 30] {
             ordered.insert(&(), at(us), 1).unwrap();
         }
         assert_eq!(ordered.insert(&(), at(20), 1), Err(NotTaken::Taken));
-        ordered.close(ApTime::from_micros(20));
+        ordered.close(AutopilotTime::from_micros(20));
         assert_eq!(ordered.insert(&(), at(10), 1), Err(NotTaken::Closed));
         assert!(ordered.insert(&(), at(15), 1).is_ok());
         // Full: the oldest becomes final.

@@ -5,13 +5,13 @@ use nalgebra::Vector3;
 use super::dead_reckoning::DeadReckoned;
 use super::information::SeenInD;
 use super::settings::{CameraMount, LandmarkSettings};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// A landmark in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LandmarkSighting {
     /// When the picture was taken, not when it was heard of.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Which camera.
     pub camera: u8,
     /// Which landmark the camera says it is.

@@ -9,7 +9,7 @@ use super::pose::rotation_nearest;
 use super::refined::{Refined, Rigid};
 use super::settings::LandmarkSettings;
 use super::sighting::SightingVerdict;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// What happens to a [`Tracker`].
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +25,7 @@ pub(super) enum Event {
 /// Both filters at a time.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tracker {
-    pub(super) time: ApTime,
+    pub(super) time: AutopilotTime,
     /// Landmarks' coordinates in it are relative to their centroid, which conditions it.
     pub(super) hinf: Information,
     pub(super) refined: Option<Refined>,
@@ -35,9 +35,9 @@ pub(super) struct Tracker {
     /// What the H∞ filter has acquired: the transformation, and sigmas of its attitude (rad) and centroid (m).
     acquired: Option<(Rigid, f64, f64)>,
     /// When that was looked at last: once a picture.
-    looked_at: Option<ApTime>,
+    looked_at: Option<AutopilotTime>,
     /// Since when the refining filter contradicts its monitor.
-    apart_since: Option<ApTime>,
+    apart_since: Option<AutopilotTime>,
     pub(super) resets: u32,
     pub(super) lockouts: u32,
     body_d: Vector3<f64>,
@@ -64,7 +64,7 @@ const APART: f64 = 60.0;
 const APART_S: f64 = 1.0;
 
 impl Tracker {
-    pub(super) fn new(time: ApTime, hinf: Information, refined: Option<Refined>) -> Self {
+    pub(super) fn new(time: AutopilotTime, hinf: Information, refined: Option<Refined>) -> Self {
         Self {
             time,
             hinf,
@@ -82,7 +82,7 @@ impl Tracker {
     }
 
     /// Goes on to a time.
-    pub(super) fn advance(&mut self, settings: &LandmarkSettings, time: ApTime) {
+    pub(super) fn advance(&mut self, settings: &LandmarkSettings, time: AutopilotTime) {
         let dt_s = time.seconds_since(self.time).max(0.0);
         self.hinf.forget(settings.lambda, dt_s);
         self.geometry.forget(dt_s);
@@ -210,7 +210,7 @@ impl Replayed for Tracker {
     type Verdict = SightingVerdict;
     type Context = LandmarkSettings;
 
-    fn apply(&mut self, settings: &LandmarkSettings, time: ApTime, event: &Event) -> SightingVerdict {
+    fn apply(&mut self, settings: &LandmarkSettings, time: AutopilotTime, event: &Event) -> SightingVerdict {
         self.advance(settings, time);
         match event {
             Event::Sighting(id, seen) => {

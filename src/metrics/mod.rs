@@ -10,13 +10,13 @@ use crate::geo::so3::{Euler, wrap_pi};
 use crate::geo::{LocalNed, so3};
 use crate::navigator::solution::Solution;
 use crate::sample::TruthState;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// A reference state in the navigator's NED frame.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferenceState {
     /// When it holds.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Position, m.
     pub position_ned: Vector3<f64>,
     /// Velocity, m/s: all three components of a simulator, two of GNSS.

@@ -1,7 +1,7 @@
 //! Magnetometer and rangefinder.
 
 use crate::sample::{MagSample, RangeDirection, RangeSample};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
 use super::Navigator;
@@ -56,7 +56,7 @@ impl Navigator {
     }
 
     /// Whether a sample of this time comes too late for the present.
-    pub(super) fn is_late(&self, time: ApTime, most_s: f64) -> bool {
+    pub(super) fn is_late(&self, time: AutopilotTime, most_s: f64) -> bool {
         self.last_imu.is_some_and(|now| now.seconds_since(time) > most_s)
     }
 
@@ -114,7 +114,7 @@ impl Navigator {
 
     /// Whether the ground may be this much higher than it was. A stuck rangefinder makes the ground climb with the vehicle; a
     /// roof or a cliff stays where it is, and is believed after a while.
-    fn plausible_ground(&mut self, now: ApTime, rise_m: f64, above_m: f64) -> bool {
+    fn plausible_ground(&mut self, now: AutopilotTime, rise_m: f64, above_m: f64) -> bool {
         if rise_m.abs() < GROUND_STEP_M.max(GROUND_STEP_FRACTION * above_m) {
             return true;
         }

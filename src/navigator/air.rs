@@ -5,7 +5,7 @@
 
 use crate::altimeter::atmosphere::true_airspeed_factor;
 use crate::sample::{Airframe, AirspeedSample};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::Navigator;
 use super::aiding::LATE_S;
@@ -81,7 +81,7 @@ impl Navigator {
     }
 
     /// Whether airspeed carries the velocity at present.
-    pub(super) fn carried_by_air(&self, now: ApTime) -> bool {
+    pub(super) fn carried_by_air(&self, now: AutopilotTime) -> bool {
         self.airspeed_used.is_some_and(|t| now.seconds_since(t) < AIRSPEED_AGE_S)
     }
 }

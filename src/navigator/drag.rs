@@ -11,7 +11,7 @@
 use nalgebra::{Vector2, Vector3};
 
 use crate::sample::{Airframe, ImuSample};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::Navigator;
 use super::nis::Measured;
@@ -78,7 +78,7 @@ pub(super) struct DragMean {
     seconds: f64,
     force: Vector2<f64>,
     air: Vector3<f64>,
-    used: Option<ApTime>,
+    used: Option<AutopilotTime>,
 }
 
 impl Navigator {
@@ -127,7 +127,7 @@ impl Navigator {
     }
 
     /// Whether the drag carries the velocity at present.
-    pub(super) fn carried_by_drag(&self, now: ApTime) -> bool {
+    pub(super) fn carried_by_drag(&self, now: AutopilotTime) -> bool {
         self.drag.used.is_some_and(|t| now.seconds_since(t) < AGE_S)
     }
 }

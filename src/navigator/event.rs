@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::altimeter::{Channel, Fault};
 use crate::camera::calibration::Distrust;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::solution::{Carrier, Mode};
 use super::trust::GnssFault;
@@ -13,7 +13,7 @@ use super::trust::GnssFault;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Event {
     /// When.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// What.
     pub what: What,
 }

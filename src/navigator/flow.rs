@@ -6,7 +6,7 @@ use crate::camera::{Distrust, FlowCalibration, FlowPatch, FlowRefusal, PatchNois
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::{FlowRotation, FlowSample};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::Navigator;
 use super::event::What;
@@ -47,15 +47,15 @@ pub(super) struct FlowSensor {
     biases: FusiniBiases,
     trust: Result<(), Distrust>,
     latency: FlowLatency,
-    pub(super) last: Option<ApTime>,
+    pub(super) last: Option<AutopilotTime>,
     outliers_s: f64,
     /// Since when it has told the same, and what.
-    same: Option<(ApTime, [f64; 2])>,
+    same: Option<(AutopilotTime, [f64; 2])>,
 }
 
 /// The middle of a flow's interval.
 pub(super) struct FlowMoment {
-    pub(super) time: ApTime,
+    pub(super) time: AutopilotTime,
     pub(super) r_body_to_ned: Matrix3<f64>,
     /// Mean over the interval, bias removed.
     pub(super) rate_body: Vector3<f64>,
@@ -63,7 +63,7 @@ pub(super) struct FlowMoment {
 
 /// A flow velocity before calibration.
 pub(super) struct Measured {
-    pub(super) time: ApTime,
+    pub(super) time: AutopilotTime,
     pub(super) r_body_to_ned: Matrix3<f64>,
     /// Body x and y, m/s.
     pub(super) v_xy: Vector2<f64>,
@@ -148,7 +148,7 @@ impl Navigator {
     /// A flow with this stamp, as `measure` evaluates it for a latency. What the velocity is for depends on the mode.
     pub(super) fn flow_measured(
         &mut self,
-        stamp: ApTime,
+        stamp: AutopilotTime,
         index: usize,
         measure: impl Fn(&Self, f64) -> Result<Measured, Reason>,
     ) -> Verdict {
@@ -182,7 +182,7 @@ impl Navigator {
         sensor.latency.observe(now.time, &residual, &by_latency, variance);
     }
 
-    fn take_flow(&mut self, stamp: ApTime, measured: &Measured, index: usize) -> Verdict {
+    fn take_flow(&mut self, stamp: AutopilotTime, measured: &Measured, index: usize) -> Verdict {
         self.flows[index].last = Some(stamp);
         match self.modes.mode() {
             Mode::Aligning => self.hold_direction(measured, index),
@@ -252,7 +252,7 @@ impl Navigator {
     /// When a flow was really measured, and how the body stood and turned then.
     pub(super) fn flow_moment(
         &self,
-        stamp: ApTime,
+        stamp: AutopilotTime,
         interval: Span,
         delay_s: f64,
     ) -> Result<FlowMoment, Reason> {
@@ -453,7 +453,7 @@ impl Navigator {
     }
 
     /// The measurement signal at a past time: position and velocity.
-    fn predicted(&self, time: ApTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    fn predicted(&self, time: AutopilotTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
         // An innovation of a zero sample is the negative of the prediction.
         let zero = FixSample { stamp: time, position_ned: [Some(0.0); 3], velocity_ned: [Some(0.0); 3] };
         let i = self.predictor.innovation(&zero)?;

@@ -5,7 +5,7 @@ use nalgebra::{Vector2, Vector3};
 use crate::altimeter::Channel;
 use crate::observer::{FixSample, Innovation};
 use crate::sample::{GnssFix, GnssSample};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::Navigator;
 use super::event::What;
@@ -54,11 +54,11 @@ impl Navigator {
     }
 
     /// GNSS is withheld from the navigator (an outage that the operator made): as if the receiver were silent.
-    pub fn mask_gnss(&mut self, time: ApTime) {
+    pub fn mask_gnss(&mut self, time: AutopilotTime) {
         self.trust.bad(time, GnssFault::Masked);
     }
 
-    fn fix(&mut self, now: ApTime, s: &GnssSample) -> Result<(), GnssFault> {
+    fn fix(&mut self, now: AutopilotTime, s: &GnssSample) -> Result<(), GnssFault> {
         self.trust.admit(s)?;
         let Some(position) = s.position else { return Err(GnssFault::NoFix) };
         self.receiver_heard = Some(s.time);
@@ -168,7 +168,7 @@ impl Navigator {
     fn fix_errors(
         &self,
         innovation: &Innovation,
-        measured: ApTime,
+        measured: AutopilotTime,
         p: &Vector3<f64>,
         v: Option<(f64, f64)>,
         observer_p: Vector3<f64>,
@@ -189,7 +189,7 @@ impl Navigator {
     /// GNSS is trusted again: the estimate moves to it at once, the published position stays and glides after it.
     fn rejoin(
         &mut self,
-        now: ApTime,
+        now: AutopilotTime,
         innovation: &Innovation,
         e_p: &Vector2<f64>,
         e_v: Option<&Vector2<f64>>,

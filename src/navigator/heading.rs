@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use crate::filter::{HeadingBank, HeadingBankSettings, HeadingEstimate};
 use crate::geo::so3;
 use crate::sample::ImuSample;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::Navigator;
 use super::event::What;
@@ -48,8 +48,8 @@ impl Navigator {
     /// A velocity of GNSS for the bank; a blind observer is levelled by it.
     pub(super) fn weigh_headings(
         &mut self,
-        now: ApTime,
-        measured: ApTime,
+        now: AutopilotTime,
+        measured: AutopilotTime,
         velocity_ne: Option<Vector2<f64>>,
         sigma: f64,
     ) {
@@ -73,7 +73,7 @@ impl Navigator {
     }
 
     /// Observer and filter start at what the bank has found.
-    pub(super) fn align_by_motion(&mut self, now: ApTime, e: &HeadingEstimate) {
+    pub(super) fn align_by_motion(&mut self, now: AutopilotTime, e: &HeadingEstimate) {
         self.take_fix_over();
         if let Some(state) = &mut self.state {
             state.r_hat = e.r_body_to_ned;
@@ -101,18 +101,18 @@ impl Navigator {
     }
 
     /// Whether the observer has no direction but gravity.
-    fn blind(&self, now: ApTime) -> bool {
+    fn blind(&self, now: AutopilotTime) -> bool {
         let flowing = self.flow_body.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S);
         !flowing && !self.has_magnetometer(now)
     }
 
     /// Whether the heading came from motion and the observer has still nothing to find it by.
-    pub(super) fn led(&self, now: ApTime) -> bool {
+    pub(super) fn led(&self, now: AutopilotTime) -> bool {
         self.heading_by_motion && self.blind(now)
     }
 
     /// A blind observer follows the filter: left alone it would drift, and start the filter from there one day.
-    pub(super) fn lead_observer(&mut self, now: ApTime) {
+    pub(super) fn lead_observer(&mut self, now: AutopilotTime) {
         if self.led(now)
             && let (Some(kalman), Some(state)) = (&self.kalman, &mut self.state)
         {

@@ -2,7 +2,7 @@
 
 use crate::altimeter::{Change, Channel, Health, HeightVerdict};
 use crate::sample::{PressureSample, RangeSample};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::Navigator;
 use super::event::What;
@@ -29,9 +29,9 @@ const STUCK_CLIMB_M: f64 = 1.5;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Barometer {
     sensor: u8,
-    heard: ApTime,
+    heard: AutopilotTime,
     /// Since when it tells this pressure, Pa, and where the height was then, m, if it was known and has only been climbed from since.
-    same: (ApTime, f64, Option<f64>),
+    same: (AutopilotTime, f64, Option<f64>),
     stuck: bool,
 }
 
@@ -43,10 +43,10 @@ pub(super) struct HeightState {
     /// And what tracking has moved the height by just now, m: goes at once.
     smoothed_m: f64,
     /// When each channel last had a height.
-    heard: [Option<ApTime>; 4],
+    heard: [Option<AutopilotTime>; 4],
     pub(super) barometers: [Option<Barometer>; 2],
     /// The newest distance that was taken for a height.
-    ranged: Option<ApTime>,
+    ranged: Option<AutopilotTime>,
     /// The GNSS height is declared faulty.
     pub(super) gnss_faulty: bool,
 }
@@ -74,7 +74,7 @@ impl Navigator {
     /// A height of a channel, m, measured `age_s` ago, to the altimeter: the published height goes on without a step.
     pub(super) fn take_height(
         &mut self,
-        now: ApTime,
+        now: AutopilotTime,
         channel: Channel,
         height_m: f64,
         sigma_m: Option<f64>,
@@ -104,7 +104,7 @@ impl Navigator {
     }
 
     /// The published height jumps to the estimate.
-    fn reset_height(&mut self, now: ApTime) {
+    fn reset_height(&mut self, now: AutopilotTime) {
         let jump = self.heights.offset_m();
         (self.heights.gliding_m, self.heights.smoothed_m) = (0.0, 0.0);
         if self.is_published() && jump != 0.0 {
@@ -124,7 +124,7 @@ impl Navigator {
     }
 
     /// Tells what changed. True when something did.
-    fn note_height_changes(&mut self, now: ApTime) -> bool {
+    fn note_height_changes(&mut self, now: AutopilotTime) -> bool {
         let mut told = false;
         while let Some(change) = self.height.next_change() {
             let what = match change {

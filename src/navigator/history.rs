@@ -2,12 +2,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// One remembered instant.
 #[derive(Clone, Copy, Debug)]
 struct Past {
-    time: ApTime,
+    time: AutopilotTime,
     r_body_to_ned: Matrix3<f64>,
     /// ∫ω dt in body axes since the start, rad: differences give mean rates.
     turned_body: Vector3<f64>,
@@ -50,7 +50,7 @@ impl History {
     pub fn new(capacity: usize) -> Self {
         let zero = Vector3::zeros();
         let empty = Past {
-            time: ApTime::from_micros(0),
+            time: AutopilotTime::from_micros(0),
             r_body_to_ned: Matrix3::identity(),
             turned_body: zero,
             acceleration_ned: zero,
@@ -67,7 +67,7 @@ impl History {
     }
 
     /// Adds the newest instant.
-    pub fn push(&mut self, time: ApTime, i: &Moment) {
+    pub fn push(&mut self, time: AutopilotTime, i: &Moment) {
         let turned_body = self.back(0).map_or(i.turned, |last| last.turned_body + i.turned);
         self.ring[self.next] = Past {
             time,
@@ -83,7 +83,7 @@ impl History {
 
     /// Position and velocity at `time`, linearly between two instants, and a little beyond the newest: stamps of other sensors may
     /// lie ahead of the IMU's by some samples.
-    pub fn motion(&self, time: ApTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    pub fn motion(&self, time: AutopilotTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let newest = self.back(0)?;
         let ahead = time.seconds_since(newest.time);
         if ahead > 0.0 {
@@ -102,7 +102,7 @@ impl History {
 
     /// The estimate was corrected at `now`: the remembered past is moved likewise, as the free motion p − v·(now − t), so that the next
     /// late measurement is not charged for the same error again.
-    pub fn correct(&mut self, now: ApTime, position_ned: &Vector3<f64>, velocity_ned: &Vector3<f64>) {
+    pub fn correct(&mut self, now: AutopilotTime, position_ned: &Vector3<f64>, velocity_ned: &Vector3<f64>) {
         for n in 0..self.len {
             let at = (self.next + self.ring.len() - 1 - n) % self.ring.len();
             let past = &mut self.ring[at];
@@ -121,7 +121,7 @@ impl History {
     }
 
     /// The first remembered instant not before `time` and the one before it.
-    fn around(&self, time: ApTime) -> Option<(&Past, &Past)> {
+    fn around(&self, time: AutopilotTime) -> Option<(&Past, &Past)> {
         let mut later = self.back(0)?;
         if time > later.time {
             return None;
@@ -137,22 +137,22 @@ impl History {
     }
 
     /// The acceleration at `time` (the nearest remembered one), NED, m/s².
-    pub fn acceleration(&self, time: ApTime) -> Option<Vector3<f64>> {
+    pub fn acceleration(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
         Some(self.nearest(time)?.acceleration_ned)
     }
 
     /// The attitude at `time` (the nearest remembered one); `None` beyond what is remembered.
-    pub fn attitude(&self, time: ApTime) -> Option<Matrix3<f64>> {
+    pub fn attitude(&self, time: AutopilotTime) -> Option<Matrix3<f64>> {
         Some(self.nearest(time)?.r_body_to_ned)
     }
 
-    fn nearest(&self, time: ApTime) -> Option<&Past> {
+    fn nearest(&self, time: AutopilotTime) -> Option<&Past> {
         let (earlier, later) = self.around(time)?;
         Some(if (time - earlier.time) < (later.time - time) { earlier } else { later })
     }
 
     /// The mean angular rate of the body between two times, rad/s; `None` beyond what is remembered.
-    pub fn mean_rate(&self, from: ApTime, to: ApTime) -> Option<Vector3<f64>> {
+    pub fn mean_rate(&self, from: AutopilotTime, to: AutopilotTime) -> Option<Vector3<f64>> {
         let dt = to.seconds_since(from);
         if dt <= 0.0 {
             let (earlier, later) = self.around(to)?;
@@ -162,7 +162,7 @@ impl History {
         Some((self.turned(to)? - self.turned(from)?) / dt)
     }
 
-    fn turned(&self, time: ApTime) -> Option<Vector3<f64>> {
+    fn turned(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
         let (earlier, later) = self.around(time)?;
         let step = later.time.seconds_since(earlier.time);
         let f = if step > 0.0 { time.seconds_since(earlier.time) / step } else { 1.0 };
@@ -188,9 +188,9 @@ mod tests {
                 position_ned: Vector3::new(0.0, t, 0.0),
                 velocity_ned: Vector3::new(0.0, 1.0, 0.0),
             };
-            h.push(ApTime::from_micros(k * 10_000), &instant);
+            h.push(AutopilotTime::from_micros(k * 10_000), &instant);
         }
-        let at = |ms: i64| ApTime::from_micros(ms * 1000);
+        let at = |ms: i64| AutopilotTime::from_micros(ms * 1000);
         assert!((h.mean_rate(at(1700), at(1780)).unwrap().z - 1.0).abs() < 1e-9);
         assert!((h.mean_rate(at(1755), at(1835)).unwrap().z - 1.5625).abs() < 1e-9);
         assert!((h.mean_rate(at(1985), at(1985)).unwrap().z - 2.0).abs() < 1e-9);

@@ -9,7 +9,7 @@ use crate::observer::{
     ObserverState, Signal, StepReport, fusini, grip,
 };
 use crate::sample::ImuSample;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::drag::DragMean;
 use super::event::Why;
@@ -107,9 +107,9 @@ impl Navigator {
 
     /// A sample older than the newest. One may be late; a stream of them is a clock that was set back, and then everything that is
     /// remembered has times that will not come for long, or mean another moment.
-    fn behind(&mut self, time: ApTime) -> Verdict {
+    fn behind(&mut self, time: AutopilotTime) -> Verdict {
         let gap = self.settings.imu_max_gap_s;
-        let goes_on = |last: ApTime| time > last && time.seconds_since(last) <= gap;
+        let goes_on = |last: AutopilotTime| time > last && time.seconds_since(last) <= gap;
         let since = self.behind.filter(|(_, last)| goes_on(*last)).map_or(time, |(since, _)| since);
         self.behind = Some((since, time));
         if time.seconds_since(since) >= BEHIND_S {
@@ -219,7 +219,7 @@ impl Navigator {
     }
 
     /// Whether the observers are still looking for the attitude, with gains to match.
-    pub(super) fn starting(&self, now: ApTime) -> bool {
+    pub(super) fn starting(&self, now: AutopilotTime) -> bool {
         self.modes.mode() == Mode::Aligning
             || self.modes.seconds_since_attitude(now) < self.settings.observer.start_s
     }
@@ -237,7 +237,7 @@ impl Navigator {
     }
 
     /// The flow velocity between flow samples, in the axes of R̂ itself: R̂ is not in SO(3), and R̂·(R̂⁻¹w_v) is w_v without its scale.
-    fn carried_velocity_body(&self, state: &ObserverState, now: ApTime) -> Option<Vector3<f64>> {
+    fn carried_velocity_body(&self, state: &ObserverState, now: AutopilotTime) -> Option<Vector3<f64>> {
         let fresh = self.flow_body.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S);
         let w = self.predictor.latest().filter(|_| fresh)?;
         Some(state.r_hat.try_inverse()? * w.velocity_ned)
@@ -313,14 +313,14 @@ impl Navigator {
         }
     }
 
-    fn magnetic_pair(&self, now: ApTime, place: &Place) -> Option<MagneticPair> {
+    fn magnetic_pair(&self, now: AutopilotTime, place: &Place) -> Option<MagneticPair> {
         let (time, field_body) = self.magnetic?;
         let field_ned = place.field_ned?;
         (now.seconds_since(time) < super::MAGNETIC_AGE_S).then_some(MagneticPair { field_body, field_ned })
     }
 
     /// The stream or the estimate broke: what was known does not hold any more.
-    pub(super) fn broken_off(&mut self, time: ApTime, why: Why) {
+    pub(super) fn broken_off(&mut self, time: AutopilotTime, why: Why) {
         self.history.clear();
         self.predictor.clear();
         self.kalman = None;

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use crate::camera::FlowCalibration;
 use crate::filter::error_state::{Correction, Eskf, EskfSettings, EskfState, Lag, StartSigma};
 use crate::geo::so3;
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::Navigator;
 use super::event::{What, Why};
@@ -62,11 +62,11 @@ impl StartSigmas {
 #[derive(Clone, Debug)]
 pub(super) struct Kalman {
     pub(super) filter: Eskf,
-    magnetic_due: ApTime,
-    height_due: ApTime,
-    disagree_since: Option<ApTime>,
+    magnetic_due: AutopilotTime,
+    height_due: AutopilotTime,
+    disagree_since: Option<AutopilotTime>,
     /// Since when trusted fixes have been gated out.
-    locked_out_since: Option<ApTime>,
+    locked_out_since: Option<AutopilotTime>,
 }
 
 impl Navigator {
@@ -95,12 +95,12 @@ impl Navigator {
     }
 
     /// Starts the filter from the observer.
-    pub(super) fn start_kalman(&mut self, now: ApTime) {
+    pub(super) fn start_kalman(&mut self, now: AutopilotTime) {
         self.start_kalman_as(now, &StartSigmas::OBSERVED);
     }
 
     /// Starts the filter from the observer's state, known this well.
-    pub(super) fn start_kalman_as(&mut self, now: ApTime, known: &StartSigmas) {
+    pub(super) fn start_kalman_as(&mut self, now: AutopilotTime, known: &StartSigmas) {
         if !self.settings.estimator.has_filter() {
             return;
         }
@@ -148,7 +148,7 @@ impl Navigator {
     /// One IMU sample. Returns the acceleration, if the filter runs.
     pub(super) fn predict_kalman(
         &mut self,
-        now: ApTime,
+        now: AutopilotTime,
         dt: f64,
         angular_rate: &Vector3<f64>,
         specific_force: &Vector3<f64>,
@@ -175,7 +175,7 @@ impl Navigator {
     }
 
     /// A magnetometer vector, body, T: fused every so often. False when it did not fit.
-    pub(super) fn fuse_magnetic(&mut self, time: ApTime, body: &Vector3<f64>) -> bool {
+    pub(super) fn fuse_magnetic(&mut self, time: AutopilotTime, body: &Vector3<f64>) -> bool {
         let Some(field) = self.place.as_ref().and_then(|p| p.field_ned) else { return true };
         let Some(kalman) = self.kalman.as_mut().filter(|k| time >= k.magnetic_due) else { return true };
         kalman.magnetic_due = time + Span::from_seconds(MAGNETIC_PERIOD_S);
@@ -192,7 +192,7 @@ impl Navigator {
     }
 
     /// The observer watches: attitudes that stay apart while GNSS is good mean that the filter has gone astray.
-    fn watch(&mut self, now: ApTime) {
+    fn watch(&mut self, now: AutopilotTime) {
         // An observer that follows the filter has nothing to say about it.
         let watching = self.modes.mode() == Mode::Aided && !self.led(now);
         let (Some(kalman), Some(state)) = (&mut self.kalman, &self.state) else { return };
@@ -217,7 +217,12 @@ impl Navigator {
     }
 
     /// What lies between the time of a measurement and now, for the filter.
-    pub(super) fn lag(&self, now: ApTime, measured: ApTime, then_velocity: &Vector3<f64>) -> Lag {
+    pub(super) fn lag(
+        &self,
+        now: AutopilotTime,
+        measured: AutopilotTime,
+        then_velocity: &Vector3<f64>,
+    ) -> Lag {
         let seconds = now.seconds_since(measured);
         match (&self.kalman, &self.place) {
             (Some(k), Some(place)) if seconds > 0.0 => Lag {
@@ -231,8 +236,8 @@ impl Navigator {
     /// A fix that was accepted, measured at `measured`: horizontal errors against the past it belongs to.
     pub(super) fn fuse_fix(
         &mut self,
-        now: ApTime,
-        measured: ApTime,
+        now: AutopilotTime,
+        measured: AutopilotTime,
         e_p: &Vector2<f64>,
         e_v: Option<&Vector2<f64>>,
         accuracy: [f64; 2],
@@ -272,8 +277,8 @@ impl Navigator {
     /// A flow velocity, with the state of its time. False when it was gated out.
     pub(super) fn fuse_flow(
         &mut self,
-        now: ApTime,
-        time: ApTime,
+        now: AutopilotTime,
+        time: AutopilotTime,
         flow_xy: &Vector2<f64>,
         r_body_to_ned: &Matrix3<f64>,
         covariance: &Matrix2<f64>,
@@ -315,7 +320,11 @@ impl Navigator {
 
     /// Carries corrections into the remembered past. On the way back to GNSS the published position glides, and what the filter still
     /// corrects is part of the way.
-    pub(super) fn carry_back<'a>(&mut self, now: ApTime, corrections: impl Iterator<Item = &'a Correction>) {
+    pub(super) fn carry_back<'a>(
+        &mut self,
+        now: AutopilotTime,
+        corrections: impl Iterator<Item = &'a Correction>,
+    ) {
         let (mut p, mut v) = (Vector3::zeros(), Vector3::zeros());
         for c in corrections {
             p += c.position_ned;

@@ -14,7 +14,7 @@
 
 use nalgebra::Vector2;
 
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// Latencies do not change much in flight: walk of the estimate, s² an observation.
 const WALK: f64 = 1e-8;
@@ -136,7 +136,7 @@ pub struct FlowLatency {
 /// Sums over a fifth of a second.
 #[derive(Clone, Copy, Debug)]
 struct Block {
-    from: ApTime,
+    from: AutopilotTime,
     samples: f64,
     residual: Vector2<f64>,
     slope: Vector2<f64>,
@@ -185,7 +185,7 @@ impl FlowLatency {
     /// Takes flow less GNSS velocity (m/s, body x and y), its derivative by the latency assumed (m/s²), and its variance on an axis.
     pub fn observe(
         &mut self,
-        time: ApTime,
+        time: AutopilotTime,
         residual: &Vector2<f64>,
         by_latency: &Vector2<f64>,
         variance: f64,
@@ -269,7 +269,7 @@ mod tests {
             let residual = |assumed: f64| flow - v(t - assumed);
             let (now, earlier) = (e.latency_s(), e.latency_s() + 0.04);
             let by_latency = (residual(earlier) - residual(now)) / 0.04;
-            e.observe(ApTime::from_micros(20_000 * i64::from(k)), &residual(now), &by_latency, 0.09);
+            e.observe(AutopilotTime::from_micros(20_000 * i64::from(k)), &residual(now), &by_latency, 0.09);
         }
         e
     }
@@ -297,7 +297,7 @@ mod tests {
         for k in 0..500 {
             let x = [f64::NAN, f64::INFINITY, 1e300, -50.0][k % 4];
             let v = Vector2::new(x, -x);
-            e.observe(ApTime::from_micros(20_000 * k as i64), &v, &(v * 0.1), 0.1);
+            e.observe(AutopilotTime::from_micros(20_000 * k as i64), &v, &(v * 0.1), 0.1);
         }
         assert!((0.0..=LONGEST_FLOW_S).contains(&e.latency_s()) && e.sigma_s().is_finite());
     }

@@ -41,7 +41,7 @@ use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magne
 use crate::observer::fusini::FlowBiasForm;
 use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
 use crate::sample::{ImuSample, Sample, VehicleStatus};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use budget::ErrorBudget;
 use drag::{DragError, DragMean};
@@ -111,17 +111,17 @@ pub struct Navigator {
     trust: GnssTrust,
     latency: LatencyEstimator,
     receiver: u8,
-    receiver_heard: Option<ApTime>,
+    receiver_heard: Option<AutopilotTime>,
     gnss_sigma_m: f64,
     heights: HeightState,
     flows: Vec<FlowSensor>,
     patches: Gathering,
     /// Corrected flow velocity in body axes, for the velocity triad, and its time.
-    flow_body: Option<(ApTime, Vector3<f64>)>,
-    magnetic: Option<(ApTime, Vector3<f64>)>,
+    flow_body: Option<(AutopilotTime, Vector3<f64>)>,
+    magnetic: Option<(AutopilotTime, Vector3<f64>)>,
     /// Since when the magnetometer has told the same, what, and whether it is stuck at it.
-    magnetic_same: Option<(ApTime, Vector3<f64>, bool)>,
-    range: Option<(ApTime, f64)>,
+    magnetic_same: Option<(AutopilotTime, Vector3<f64>, bool)>,
+    range: Option<(AutopilotTime, f64)>,
     status: VehicleStatus,
     rest: Rest,
     /// Where landmarks are configured.
@@ -131,24 +131,24 @@ pub struct Navigator {
     drag: DragMean,
     drag_error: DragError,
     /// The newest airspeed, and the newest that was used.
-    airspeed: Option<ApTime>,
-    airspeed_used: Option<ApTime>,
+    airspeed: Option<AutopilotTime>,
+    airspeed_used: Option<AutopilotTime>,
     /// Height of the ground above the origin, where the rangefinder last saw it or the navigation began, m.
     ground_m: Option<f64>,
     /// Since when the rangefinder has seen the ground elsewhere, and by how much, m.
-    ground_disputed_since: Option<(ApTime, f64)>,
+    ground_disputed_since: Option<(AutopilotTime, f64)>,
     modes: ModeState,
     budget: Option<ErrorBudget>,
     carrier: Carrier,
     /// Published position less estimated position, NED: glides to zero.
     offset_ned: Vector3<f64>,
     reset_counter: u8,
-    last_imu: Option<ApTime>,
+    last_imu: Option<AutopilotTime>,
     last_sample: Option<ImuSample>,
     /// Since when the IMU has told the same.
-    imu_same_since: Option<ApTime>,
+    imu_same_since: Option<AutopilotTime>,
     /// IMU samples older than the newest, one after the other: the first and the last of them.
-    behind: Option<(ApTime, ApTime)>,
+    behind: Option<(AutopilotTime, AutopilotTime)>,
     angular_rate_body: Vector3<f64>,
     r_body_to_ned: Matrix3<f64>,
     events: Vec<Event>,
@@ -257,7 +257,7 @@ impl Navigator {
 
     /// The autopilot told its origin: the frame's origin moves there. Height is above mean sea level, as everywhere. False when the
     /// origin is no place, or too far away to be one: nothing has changed then.
-    pub fn set_origin(&mut self, time: ApTime, origin: Geodetic) -> bool {
+    pub fn set_origin(&mut self, time: AutopilotTime, origin: Geodetic) -> bool {
         if !origin.is_plausible() {
             return false;
         }
@@ -398,11 +398,11 @@ impl Navigator {
         !self.events.is_empty()
     }
 
-    fn tell(&mut self, time: ApTime, what: What) {
+    fn tell(&mut self, time: AutopilotTime, what: What) {
         self.events.push(Event { time, what });
     }
 
-    fn has_magnetometer(&self, now: ApTime) -> bool {
+    fn has_magnetometer(&self, now: AutopilotTime) -> bool {
         self.magnetic.is_some_and(|(t, _)| now.seconds_since(t) < MAGNETIC_AGE_S)
     }
 }

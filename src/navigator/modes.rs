@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Vector2, Vector3};
 
 use crate::altimeter::HeightFilter;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::Navigator;
 use super::budget::ErrorBudget;
@@ -31,14 +31,14 @@ const UNKNOWN_MPS: f64 = 100.0;
 #[derive(Clone, Debug)]
 pub(super) struct ModeState {
     mode: Mode,
-    started: Option<ApTime>,
+    started: Option<AutopilotTime>,
     /// When the attitude got its first guess.
-    attitude_started: Option<ApTime>,
+    attitude_started: Option<AutopilotTime>,
     /// Since when the injection has been small.
-    calm_since: Option<ApTime>,
-    coasting_since: Option<ApTime>,
+    calm_since: Option<AutopilotTime>,
+    coasting_since: Option<AutopilotTime>,
     /// What carries in this outage, and since when.
-    carried: Option<(Carrier, ApTime)>,
+    carried: Option<(Carrier, AutopilotTime)>,
     /// Which of them was told last.
     carrier_told: Option<Carrier>,
 }
@@ -65,24 +65,24 @@ impl ModeState {
         matches!(self.mode, Mode::Holdover | Mode::Lost)
     }
 
-    pub(super) fn started(&mut self, time: ApTime) {
+    pub(super) fn started(&mut self, time: AutopilotTime) {
         self.started = Some(time);
     }
 
-    pub(super) fn seconds_since_start(&self, now: ApTime) -> f64 {
+    pub(super) fn seconds_since_start(&self, now: AutopilotTime) -> f64 {
         self.started.map_or(0.0, |t| now.seconds_since(t))
     }
 
-    pub(super) fn attitude_started(&mut self, time: ApTime) {
+    pub(super) fn attitude_started(&mut self, time: AutopilotTime) {
         self.attitude_started = Some(time);
     }
 
-    pub(super) fn seconds_since_attitude(&self, now: ApTime) -> f64 {
+    pub(super) fn seconds_since_attitude(&self, now: AutopilotTime) -> f64 {
         self.attitude_started.map_or(0.0, |t| now.seconds_since(t))
     }
 
     /// Takes the norm of the attitude injection: small for long enough is an attitude found.
-    pub(super) fn injection(&mut self, now: ApTime, norm: Option<f64>, settings: &ObserverSettings) {
+    pub(super) fn injection(&mut self, now: AutopilotTime, norm: Option<f64>, settings: &ObserverSettings) {
         match norm {
             Some(n) if n < settings.aligned_injection => {
                 self.calm_since.get_or_insert(now);
@@ -98,14 +98,14 @@ impl ModeState {
         self.calm_since.is_some()
     }
 
-    fn attitude_found(&self, now: ApTime, settings: &ObserverSettings) -> bool {
+    fn attitude_found(&self, now: AutopilotTime, settings: &ObserverSettings) -> bool {
         self.calm_since.is_some_and(|t| now.seconds_since(t) >= settings.aligned_s)
     }
 }
 
 impl Navigator {
     /// Looks at what has changed since the last IMU sample.
-    pub(super) fn advance_mode(&mut self, now: ApTime, dt: f64) {
+    pub(super) fn advance_mode(&mut self, now: AutopilotTime, dt: f64) {
         let trusted = self.trust.trusted();
         match self.modes.mode {
             Mode::Aligning => {
@@ -143,7 +143,7 @@ impl Navigator {
         }
     }
 
-    pub(super) fn change_mode(&mut self, time: ApTime, to: Mode, why: Why) {
+    pub(super) fn change_mode(&mut self, time: AutopilotTime, to: Mode, why: Why) {
         let from = self.modes.mode;
         if from == to {
             return;
@@ -165,7 +165,7 @@ impl Navigator {
     }
 
     /// The autopilot rebooted: the vehicle stands, nothing else is certain.
-    pub fn reboot(&mut self, time: ApTime) {
+    pub fn reboot(&mut self, time: AutopilotTime) {
         self.broken_off(time, Why::Reboot);
         self.change_mode(time, Mode::Aligning, Why::Reboot);
         self.state = None;
@@ -201,7 +201,7 @@ impl Navigator {
         self.budget = None;
     }
 
-    fn enter_holdover(&mut self, now: ApTime) {
+    fn enter_holdover(&mut self, now: AutopilotTime) {
         let GnssState::Untrusted(fault) = self.trust.state() else { return };
         if fault == GnssFault::Inconsistent {
             // What the slow lie added is taken back; the published position glides after it.
@@ -221,7 +221,7 @@ impl Navigator {
     }
 
     /// The uncertainty of dead reckoning grows.
-    fn grow(&mut self, now: ApTime, dt: f64) {
+    fn grow(&mut self, now: AutopilotTime, dt: f64) {
         let flowing =
             self.flow_body.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S) && self.flows_carry();
         self.carrier = if flowing {
@@ -246,7 +246,7 @@ impl Navigator {
     }
 
     /// Tells what carries, once it has done so for a while: flow comes and goes with the ground.
-    fn tell_carrier(&mut self, now: ApTime) {
+    fn tell_carrier(&mut self, now: AutopilotTime) {
         let carrier = self.shown_carrier(now);
         let (_, since) = *self
             .modes
@@ -258,7 +258,7 @@ impl Navigator {
         }
     }
 
-    fn give_up_if_uncertain(&mut self, now: ApTime) {
+    fn give_up_if_uncertain(&mut self, now: AutopilotTime) {
         let limits = &self.settings.holdover;
         let sigma = self.solution().map_or(f64::INFINITY, |s| s.horizontal_sigma_m());
         let coasted = self.modes.coasting_since.map_or(0.0, |t| now.seconds_since(t));
@@ -290,7 +290,7 @@ impl Navigator {
     }
 
     /// GNSS is trusted again and the estimate has moved to it; the published position still stands where it was.
-    pub(super) fn came_back(&mut self, now: ApTime) {
+    pub(super) fn came_back(&mut self, now: AutopilotTime) {
         let away = self.offset_ned.norm();
         self.budget = None;
         if self.modes.mode == Mode::Lost || away > self.settings.rejoin.jump_m {
@@ -303,7 +303,7 @@ impl Navigator {
         }
     }
 
-    fn glide(&mut self, now: ApTime, dt: f64) {
+    fn glide(&mut self, now: AutopilotTime, dt: f64) {
         self.glide_step(dt);
         if self.offset_ned.norm() < JOINED_M {
             self.offset_ned = Vector3::zeros();

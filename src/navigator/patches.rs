@@ -11,7 +11,7 @@ use crate::camera::{
     Feature, FlowRefusal, KnownComponent, Method, SolveLimits, SolveNoise, View, solve_velocity,
 };
 use crate::sample::{FlowRotation, FlowSample, SampleKind};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::Navigator;
 use super::flow::{CLIMB_SIGMA_MPS, FIRST_INTERVAL_S, Measured};
@@ -31,9 +31,9 @@ const HEIGHT_SIGMA_M: f64 = 0.05;
 pub(super) struct Gathering {
     samples: Vec<FlowSample>,
     /// Newest IMU stamp when the first one came.
-    since: Option<ApTime>,
+    since: Option<AutopilotTime>,
     /// Stamp of the last image that was solved.
-    solved: Option<ApTime>,
+    solved: Option<AutopilotTime>,
 }
 
 impl Gathering {
@@ -47,7 +47,7 @@ impl Gathering {
         self.solved = None;
     }
 
-    fn stamp(&self) -> Option<ApTime> {
+    fn stamp(&self) -> Option<AutopilotTime> {
         self.samples.first().map(|s| s.time)
     }
 }
@@ -90,7 +90,7 @@ impl Navigator {
     }
 
     /// Time goes on: an image whose rest does not come is solved without it.
-    pub(super) fn patches_waited(&mut self, now: ApTime) {
+    pub(super) fn patches_waited(&mut self, now: AutopilotTime) {
         if !self.patches.samples.is_empty() && self.patches.since.is_none_or(|t| now > t + WAIT) {
             self.solve_waiting();
         }
@@ -123,7 +123,7 @@ impl Navigator {
     }
 
     /// The velocity of the body's origin from the patches that wait.
-    fn measure_image(&self, stamp: ApTime, interval_s: f64, delay_s: f64) -> Result<Measured, Reason> {
+    fn measure_image(&self, stamp: AutopilotTime, interval_s: f64, delay_s: f64) -> Result<Measured, Reason> {
         let (settings, samples) = (&self.settings.flow, &self.patches.samples);
         let first = samples.first().ok_or(Reason::NotUsed)?;
         let moment = self.flow_moment(stamp, first.interval, delay_s)?;

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 
 use crate::sample::{ImuSample, VehicleStatus};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::Navigator;
 use super::nis::Measured;
@@ -29,8 +29,8 @@ const FLYING_M: f64 = 3.0;
 /// Since when the IMU has been quiet, and when standing still is to be told the filter next.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rest {
-    since: Option<ApTime>,
-    told: Option<ApTime>,
+    since: Option<AutopilotTime>,
+    told: Option<AutopilotTime>,
     resting: bool,
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// What the navigator is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -72,7 +72,7 @@ impl Carrier {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {
     /// When it holds.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// The mode.
     pub mode: Mode,
     /// What carries the horizontal velocity.

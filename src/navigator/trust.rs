@@ -8,7 +8,7 @@
 use nalgebra::Vector2;
 
 use crate::sample::{GnssFix, GnssSample};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// Limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,7 +134,7 @@ enum Motion {
 
 #[derive(Clone, Copy, Debug)]
 struct Track {
-    time: ApTime,
+    time: AutopilotTime,
     position_ne: Vector2<f64>,
     /// ∫v dt, m.
     travelled_ne: Vector2<f64>,
@@ -146,9 +146,9 @@ struct Track {
 pub struct GnssTrust {
     settings: TrustSettings,
     state: GnssState,
-    last_good: Option<ApTime>,
-    good_since: Option<ApTime>,
-    last_bad: Option<(ApTime, GnssFault)>,
+    last_good: Option<AutopilotTime>,
+    good_since: Option<AutopilotTime>,
+    last_bad: Option<(AutopilotTime, GnssFault)>,
     lost_by: GnssFault,
     track: Vec<Track>,
     oldest: usize,
@@ -221,7 +221,7 @@ impl GnssTrust {
     /// The fault.
     pub fn judge(
         &mut self,
-        time: ApTime,
+        time: AutopilotTime,
         position_ne: Vector2<f64>,
         velocity_ne: Option<Vector2<f64>>,
         innovation: Option<FixInnovation>,
@@ -269,7 +269,7 @@ impl GnssTrust {
     }
 
     /// Notes that a fix passed every test. True when GNSS became trusted by it.
-    pub fn good(&mut self, time: ApTime, standing: Standing) -> bool {
+    pub fn good(&mut self, time: AutopilotTime, standing: Standing) -> bool {
         let since = *self.good_since.get_or_insert(time);
         self.last_good = Some(time);
         let needed = match (standing, self.lost_by) {
@@ -287,14 +287,14 @@ impl GnssTrust {
     }
 
     /// Notes a fix that failed a test, and its time. True when GNSS is lost by it.
-    pub fn bad(&mut self, now: ApTime, fault: GnssFault) -> bool {
+    pub fn bad(&mut self, now: AutopilotTime, fault: GnssFault) -> bool {
         self.last_bad = Some((now, fault));
         self.good_since = None;
         self.check(now)
     }
 
     /// Looks at the time that has passed since the last good fix. True when GNSS is lost by it.
-    pub fn check(&mut self, now: ApTime) -> bool {
+    pub fn check(&mut self, now: AutopilotTime) -> bool {
         let quiet = self.last_good.map_or(f64::INFINITY, |t| now.seconds_since(t));
         if quiet < self.settings.loss_s {
             return false;
@@ -336,7 +336,12 @@ impl GnssTrust {
     }
 
     /// Adds a fix to the track and says whether positions and velocities still agree.
-    fn follow(&mut self, time: ApTime, position_ne: Vector2<f64>, velocity_ne: Vector2<f64>) -> Motion {
+    fn follow(
+        &mut self,
+        time: AutopilotTime,
+        position_ne: Vector2<f64>,
+        velocity_ne: Vector2<f64>,
+    ) -> Motion {
         let s = self.settings;
         let mut stepped = false;
         let travelled_ne = match self.newest() {
@@ -413,8 +418,8 @@ mod tests {
         }
     }
 
-    fn at(s: f64) -> ApTime {
-        ApTime::from_micros((s * 1e6) as i64)
+    fn at(s: f64) -> AutopilotTime {
+        AutopilotTime::from_micros((s * 1e6) as i64)
     }
 
     fn near() -> Option<FixInnovation> {

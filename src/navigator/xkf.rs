@@ -14,7 +14,7 @@ use crate::geo::so3;
 use crate::observer::xkf::XkfCorrection;
 use crate::observer::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};
 use crate::sample::ImuSample;
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::event::What;
 use super::gnss::{AIDED_SPEED_SIGMA, UNKNOWN_SPEED_SIGMA};
@@ -37,10 +37,10 @@ pub(super) struct SecondStage {
     pub(super) filter: Xkf,
     /// The observer's newest state: what is linearised about.
     about: EulerState,
-    magnetic_due: ApTime,
-    height_due: ApTime,
-    disagree_since: Option<ApTime>,
-    locked_out_since: Option<ApTime>,
+    magnetic_due: AutopilotTime,
+    height_due: AutopilotTime,
+    disagree_since: Option<AutopilotTime>,
+    locked_out_since: Option<AutopilotTime>,
 }
 
 /// What of the second stage is published after an IMU sample.
@@ -68,7 +68,7 @@ impl Navigator {
     }
 
     /// Starts the second stage from the observer.
-    pub(super) fn start_xkf(&mut self, now: ApTime) {
+    pub(super) fn start_xkf(&mut self, now: AutopilotTime) {
         if self.settings.estimator != Estimator::Xkf {
             return;
         }
@@ -142,7 +142,7 @@ impl Navigator {
     }
 
     /// Height, and the magnetic field, which is Grip's measurement.
-    fn fuse_slow(&mut self, now: ApTime, place: &Place) {
+    fn fuse_slow(&mut self, now: AutopilotTime, place: &Place) {
         let height = self.height.height_m();
         let magnetic =
             self.magnetic.filter(|(t, _)| now.seconds_since(*t) < MAGNETIC_PERIOD_S).zip(place.field_ned);
@@ -170,7 +170,7 @@ impl Navigator {
     }
 
     /// The observer watches its second stage.
-    fn watch_xkf(&mut self, now: ApTime) {
+    fn watch_xkf(&mut self, now: AutopilotTime) {
         let aided = self.modes.mode() == Mode::Aided;
         let Some(stage) = &mut self.xkf else { return };
         let apart = so3::angle_between(&stage.filter.state().r_body_to_ned(), &stage.about.r_body_to_ned());
@@ -188,7 +188,7 @@ impl Navigator {
     /// A fix that was accepted: horizontal errors against the past it belongs to.
     pub(super) fn fuse_fix_xkf(
         &mut self,
-        now: ApTime,
+        now: AutopilotTime,
         e_p: &Vector2<f64>,
         e_v: Option<&Vector2<f64>>,
         accuracy: [f64; 2],
@@ -254,8 +254,8 @@ impl Navigator {
     /// A flow velocity of `time`, taken at the attitude `r_body_to_ned`. False when it was gated out.
     pub(super) fn fuse_flow_xkf(
         &mut self,
-        now: ApTime,
-        time: ApTime,
+        now: AutopilotTime,
+        time: AutopilotTime,
         flow_xy: &Vector2<f64>,
         r_body_to_ned: &Matrix3<f64>,
         variance_xy: &Vector2<f64>,

@@ -1,13 +1,13 @@
 //! A fixed-size history of predicted positions and velocities, for samples that arrive late.
 
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
 /// A position and velocity in NED at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
     /// When.
-    pub stamp: ApTime,
+    pub stamp: AutopilotTime,
     /// Position in NED, m.
     pub position_ned: Vector3<f64>,
     /// Velocity in NED, m/s.
@@ -30,7 +30,7 @@ impl History {
         let spacing = Span::from_micros(spacing.micros().max(100));
         let capacity = (span.micros().max(0) / spacing.micros()).clamp(1, 100_000) as usize + 2;
         let empty = Entry {
-            stamp: ApTime::from_micros(0),
+            stamp: AutopilotTime::from_micros(0),
             position_ned: Vector3::zeros(),
             velocity_ned: Vector3::zeros(),
         };
@@ -72,7 +72,7 @@ impl History {
 
     /// Position and velocity at `stamp`, linearly between the entries around it; `now` is the newest value and need not be stored.
     /// After `now` the value is extrapolated at constant velocity. `None` before the oldest entry.
-    pub fn at(&self, stamp: ApTime, now: &Entry) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    pub fn at(&self, stamp: AutopilotTime, now: &Entry) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let ahead = stamp.seconds_since(now.stamp);
         if ahead >= 0.0 {
             return Some((now.position_ned + ahead * now.velocity_ned, now.velocity_ned));
@@ -95,7 +95,7 @@ impl History {
 
     /// Adds a velocity correction everywhere and the position correction it implies, `e_p` at `stamp`: the free motion
     /// e_p + e_v (t − stamp). So the next late sample is compared with what would have been predicted, had this one been in time.
-    pub fn correct(&mut self, stamp: ApTime, e_p: &Vector3<f64>, e_v: &Vector3<f64>) {
+    pub fn correct(&mut self, stamp: AutopilotTime, e_p: &Vector3<f64>, e_v: &Vector3<f64>) {
         // Slots never written are moved along, too: they are not read.
         for entry in &mut self.ring {
             entry.position_ned += e_p + e_v * entry.stamp.seconds_since(stamp);

@@ -10,7 +10,7 @@
 //! On an axis whose velocity is not measured, w_v is the observer's own v̂ at every step (Theorem 2 of Grip: e_v = 0).
 
 use super::history::{Entry, History};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
 /// How fixes are turned into a signal at the IMU's rate.
@@ -26,7 +26,7 @@ pub enum Scheme {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixSample {
     /// When it was valid (not when it arrived).
-    pub stamp: ApTime,
+    pub stamp: AutopilotTime,
     /// Position, m.
     pub position_ned: [Option<f64>; 3],
     /// Velocity, m/s.
@@ -37,7 +37,7 @@ pub struct FixSample {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Innovation {
     /// The fix's stamp.
-    pub stamp: ApTime,
+    pub stamp: AutopilotTime,
     /// How late the fix was, s.
     pub delay_s: f64,
     /// e_p at the stamp, m.
@@ -63,7 +63,7 @@ pub struct Signal {
 
 impl FixSample {
     /// A position without velocity.
-    pub fn position(stamp: ApTime, position_ned: &Vector3<f64>) -> Self {
+    pub fn position(stamp: AutopilotTime, position_ned: &Vector3<f64>) -> Self {
         Self { stamp, position_ned: some(position_ned), velocity_ned: [None; 3] }
     }
 
@@ -84,7 +84,7 @@ impl FixSample {
     }
 
     /// An altitude (positive down, m) and, where known, vertical speed (positive down, m/s).
-    pub fn vertical(stamp: ApTime, down_m: f64, down_rate_mps: Option<f64>) -> Self {
+    pub fn vertical(stamp: AutopilotTime, down_m: f64, down_rate_mps: Option<f64>) -> Self {
         Self { stamp, position_ned: [None, None, Some(down_m)], velocity_ned: [None, None, down_rate_mps] }
     }
 }
@@ -127,8 +127,8 @@ pub struct Predictor {
     earth_rate_ned: Vector3<f64>,
     now: Option<Entry>,
     history: History,
-    measured_position: [Option<ApTime>; 3],
-    measured_velocity: [Option<ApTime>; 3],
+    measured_position: [Option<AutopilotTime>; 3],
+    measured_velocity: [Option<AutopilotTime>; 3],
 }
 
 /// How far a fix may lie ahead of the last IMU sample: clocks of receiver and IMU jitter by some samples.
@@ -153,7 +153,7 @@ impl Predictor {
     }
 
     /// Starts, or starts anew, from a full position and velocity. Forgets the history. Values that are not finite leave it without a state.
-    pub fn reset(&mut self, stamp: ApTime, position_ned: &Vector3<f64>, velocity_ned: &Vector3<f64>) {
+    pub fn reset(&mut self, stamp: AutopilotTime, position_ned: &Vector3<f64>, velocity_ned: &Vector3<f64>) {
         self.clear();
         let entry = Entry { stamp, position_ned: *position_ned, velocity_ned: *velocity_ned };
         if finite(position_ned) && finite(velocity_ned) {
@@ -185,7 +185,7 @@ impl Predictor {
     /// more than 1 s the state is dropped. Returns whether it moved.
     pub fn propagate(
         &mut self,
-        now: ApTime,
+        now: AutopilotTime,
         acceleration_ned: &Vector3<f64>,
         velocity_ned: &Vector3<f64>,
     ) -> bool {
@@ -205,7 +205,7 @@ impl Predictor {
 
     /// Takes w at `now` from a signal that was moved by its owner ([`Signal::advance`], [`super::StepReport::signal`]), as
     /// [`Self::propagate`] does with its own. Returns whether it moved.
-    pub fn follow(&mut self, now: ApTime, signal: &Signal, velocity_ned: &Vector3<f64>) -> bool {
+    pub fn follow(&mut self, now: AutopilotTime, signal: &Signal, velocity_ned: &Vector3<f64>) -> bool {
         let Some(last) = self.now else { return false };
         let values = [&signal.position_ned, &signal.velocity_ned, velocity_ned];
         if now <= last.stamp || !values.into_iter().all(finite) {
@@ -225,7 +225,7 @@ impl Predictor {
         true
     }
 
-    fn is_fresh(&self, measured: Option<ApTime>, now: ApTime) -> bool {
+    fn is_fresh(&self, measured: Option<AutopilotTime>, now: AutopilotTime) -> bool {
         measured.is_some_and(|t| now - t <= self.hold)
     }
 
@@ -306,8 +306,8 @@ fn finite(v: &Vector3<f64>) -> bool {
 mod tests {
     use super::*;
 
-    fn at(ms: i64) -> ApTime {
-        ApTime::from_micros(ms * 1000)
+    fn at(ms: i64) -> AutopilotTime {
+        AutopilotTime::from_micros(ms * 1000)
     }
 
     fn predictor(history: Span, hold: Span) -> Predictor {
@@ -380,7 +380,7 @@ mod tests {
         for k in 1..=20 {
             w.propagate(at(20 * k), &Vector3::zeros(), &Vector3::new(10.0, 0.0, 0.0));
         }
-        let fix = FixSample::position(ApTime::from_micros(123_456), &Vector3::new(1.0, 0.0, 0.0));
+        let fix = FixSample::position(AutopilotTime::from_micros(123_456), &Vector3::new(1.0, 0.0, 0.0));
         let e = w.innovation(&fix).unwrap();
         assert!((e.position_ned[0].unwrap() - (1.0 - 1.234_56)).abs() < 1e-12);
         assert!((e.delay_s - 0.276_544).abs() < 1e-12);

@@ -8,7 +8,7 @@
 use nalgebra::Vector3;
 
 use crate::navigator::solution::Solution;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// Averaging time, s.
 const TIME_CONSTANT_S: f64 = 10.0;
@@ -27,7 +27,7 @@ const OUTLIERS_BELIEVED: u32 = 25;
 pub struct Alignment {
     offset_ned: Vector3<f64>,
     observations: u32,
-    last: Option<ApTime>,
+    last: Option<AutopilotTime>,
     origin_shared: bool,
     outliers: u32,
 }
@@ -57,7 +57,7 @@ impl Alignment {
         self.origin_shared = true;
     }
 
-    pub(super) fn observe(&mut self, time: ApTime, autopilot_ned: &Vector3<f64>, solution: &Solution) {
+    pub(super) fn observe(&mut self, time: AutopilotTime, autopilot_ned: &Vector3<f64>, solution: &Solution) {
         let age = solution.time.seconds_since(time);
         if age.abs() > MAX_AGE_S || self.last.is_some_and(|t| time <= t) {
             return;

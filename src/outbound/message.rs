@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::geo::so3::Euler;
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// Frame of the pose in ODOMETRY.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,7 +18,7 @@ pub enum PoseFrame {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Odometry {
     /// When it holds.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Frame of the pose; the child frame is always MAV_FRAME_BODY_FRD.
     pub frame: PoseFrame,
     /// North, east, down from the autopilot's origin, m.
@@ -43,7 +43,7 @@ pub struct Odometry {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisionPosition {
     /// When it holds.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// North, east, down from the autopilot's origin, m.
     pub position: Vector3<f64>,
     /// Attitude.
@@ -68,7 +68,7 @@ pub enum OutboundMessage {
     /// VISION_SPEED_ESTIMATE.
     VisionSpeed {
         /// When it holds.
-        time: ApTime,
+        time: AutopilotTime,
         /// Velocity, m/s.
         velocity_ned: Vector3<f64>,
         /// Its covariance, m²/s².

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::geo::so3;
 use crate::navigator::solution::{Mode, Solution};
 use crate::sample::Reference;
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use alignment::Alignment;
 use message::{Odometry, OutboundMessage, PoseFrame, VisionPosition};
@@ -86,9 +86,9 @@ pub struct OutboundSettings {
 pub struct Outbound {
     settings: OutboundSettings,
     alignment: Alignment,
-    due: Option<ApTime>,
-    last_published: Option<ApTime>,
-    lost_since: Option<ApTime>,
+    due: Option<AutopilotTime>,
+    last_published: Option<AutopilotTime>,
+    lost_since: Option<AutopilotTime>,
     sent: u64,
 }
 
@@ -201,7 +201,7 @@ impl Outbound {
         }
     }
 
-    fn farewell(&mut self, now: ApTime) -> bool {
+    fn farewell(&mut self, now: AutopilotTime) -> bool {
         // Only somebody who was listened to says good-bye.
         let listened = self.last_published.is_some_and(|t| now.seconds_since(t) < 1.0);
         if self.lost_since.is_none() && !listened {
@@ -268,7 +268,7 @@ mod tests {
 
     fn solution(ms: i64, mode: Mode) -> Solution {
         Solution {
-            time: ApTime::from_micros(ms * 1000),
+            time: AutopilotTime::from_micros(ms * 1000),
             mode,
             carrier: Carrier::Flow,
             position_ned: Vector3::new(10.0, 20.0, -5.0),

@@ -10,7 +10,7 @@ use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline, PipelineSettings};
 use crate::sample::{GnssSample, Input, Reference, Sample, SampleKind};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 use crate::wire::clock::AutopilotClock;
 
 use super::log::{Log, LogError, LogSummary};
@@ -48,7 +48,7 @@ pub struct Runner {
     /// What is run.
     pub pipeline: Pipeline,
     mask: GnssMask,
-    end: Option<ApTime>,
+    end: Option<AutopilotTime>,
     truth: Score,
     gnss: Score,
     modes: Vec<ModeChange>,
@@ -100,7 +100,7 @@ impl Runner {
     }
 
     /// Seconds since the first sample.
-    pub fn seconds(&self, time: ApTime) -> f64 {
+    pub fn seconds(&self, time: AutopilotTime) -> f64 {
         self.mask.seconds(time)
     }
 

@@ -6,7 +6,7 @@ use crate::pipeline::PipelineSettings;
 use crate::replay::log::{Log, LogError};
 use crate::replay::runner::Runner;
 use crate::sample::{Input, Reference, Sample};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 /// One outage, scored.
 #[derive(Clone, Debug, Serialize)]
@@ -42,7 +42,7 @@ const SETTLE_S: f64 = 30.0;
 /// # Errors
 /// What reading the log says.
 pub fn airborne(log: &Log) -> Result<Option<(f64, f64)>, LogError> {
-    let mut start: Option<ApTime> = None;
+    let mut start: Option<AutopilotTime> = None;
     let mut ground: [Option<f64>; 2] = [None; 2];
     let mut flying: [Option<(f64, f64)>; 2] = [None; 2];
     log.play(

@@ -12,7 +12,7 @@ use crate::sample::{
     AirspeedSample, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
     RangeDirection, RangeSample, Sample,
 };
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
 /// The autopilot has been up for this long when the flight begins, µs.
@@ -91,7 +91,7 @@ pub struct Reading {
     /// Seconds since the beginning of the flight.
     pub t_s: f64,
     /// The same on the autopilot's clock.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// The IMU's interval, s.
     pub dt_s: f64,
     /// The true state now.
@@ -191,13 +191,13 @@ impl Simulation {
     }
 
     /// A time of the flight on the autopilot's clock.
-    pub fn ap_time(t_s: f64) -> ApTime {
-        ApTime::from_micros(BOOT_US) + Span::from_seconds(t_s)
+    pub fn ap_time(t_s: f64) -> AutopilotTime {
+        AutopilotTime::from_micros(BOOT_US) + Span::from_seconds(t_s)
     }
 
     /// Seconds since the beginning of the flight.
-    pub fn seconds(time: ApTime) -> f64 {
-        time.seconds_since(ApTime::from_micros(BOOT_US))
+    pub fn seconds(time: AutopilotTime) -> f64 {
+        time.seconds_since(AutopilotTime::from_micros(BOOT_US))
     }
 
     /// Whether a sensor of this period has something now.
@@ -289,7 +289,7 @@ impl Reading {
     }
 }
 
-fn flow_sample(time: ApTime, f: &FlowReading) -> FlowSample {
+fn flow_sample(time: AutopilotTime, f: &FlowReading) -> FlowSample {
     FlowSample {
         time,
         sensor: 0,
@@ -301,7 +301,7 @@ fn flow_sample(time: ApTime, f: &FlowReading) -> FlowSample {
     }
 }
 
-fn gnss_sample(time: ApTime, g: &GnssReading, frame: &LocalNed) -> GnssSample {
+fn gnss_sample(time: AutopilotTime, g: &GnssReading, frame: &LocalNed) -> GnssSample {
     let velocity = g.velocity_ned;
     let ground = GroundVelocity {
         speed_mps: velocity.xy().norm(),

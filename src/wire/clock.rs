@@ -4,7 +4,7 @@
 //! 1970, and ArduPilot's OPTICAL_FLOW with *milliseconds* in a field called `time_usec`. A frame that is old, damaged or hostile
 //! must not move the axis; a reboot must. So a jump is believed only when `CONFIRM` stamps in a row agree on it.
 
-use crate::time::{ApTime, ClockEvent, Span};
+use crate::time::{AutopilotTime, ClockEvent, Span};
 
 use super::counters::Cause;
 
@@ -24,12 +24,12 @@ const UNIX_EPOCH_US: i64 = 1_000_000_000_000_000;
 const LONGEST_UPTIME_US: i64 = 10 * 366 * 86_400 * 1_000_000;
 const WRAP_MS: i64 = 1 << 32;
 
-/// Maps the stamps of one autopilot onto [`ApTime`].
+/// Maps the stamps of one autopilot onto [`AutopilotTime`].
 #[derive(Clone, Debug, Default)]
 pub struct AutopilotClock {
     /// Axis = boot time + `base`.
     base_us: i64,
-    newest: Option<ApTime>,
+    newest: Option<AutopilotTime>,
     newest_boot_us: i64,
     unix_minus_boot_us: Option<i64>,
     suspect: Option<(i64, u32)>,
@@ -44,7 +44,7 @@ impl AutopilotClock {
     }
 
     /// The newest time heard, for messages that carry none.
-    pub fn newest(&self) -> Option<ApTime> {
+    pub fn newest(&self) -> Option<AutopilotTime> {
         self.newest
     }
 
@@ -59,7 +59,7 @@ impl AutopilotClock {
     }
 
     /// What the autopilot itself would call `time` now: microseconds since its last boot.
-    pub fn boot_micros(&self, time: ApTime) -> i64 {
+    pub fn boot_micros(&self, time: AutopilotTime) -> i64 {
         time.micros().saturating_sub(self.base_us)
     }
 
@@ -67,7 +67,7 @@ impl AutopilotClock {
     ///
     /// # Errors
     /// [`Cause::Stale`] or [`Cause::OutOfOrder`] when it is far from the newest and not (yet) confirmed as a jump.
-    pub fn boot_ms(&mut self, ms: u32) -> Result<ApTime, Cause> {
+    pub fn boot_ms(&mut self, ms: u32) -> Result<AutopilotTime, Cause> {
         let mut ms = i64::from(ms);
         // Unwrap towards the newest: 49.7 days of uptime are rare, an axis that jumps back by them is a crash.
         let newest_ms = self.newest_boot_us / 1000;
@@ -81,7 +81,7 @@ impl AutopilotClock {
     ///
     /// # Errors
     /// As [`Self::boot_ms`]; also for a stamp since 1970 before SYSTEM_TIME has told what that means.
-    pub fn usec(&mut self, us: u64) -> Result<ApTime, Cause> {
+    pub fn usec(&mut self, us: u64) -> Result<AutopilotTime, Cause> {
         let us = i64::try_from(us).map_err(|_| Cause::Absurd)?;
         if us >= UNIX_EPOCH_US {
             let offset = self.unix_minus_boot_us.ok_or(Cause::Stale)?;
@@ -98,12 +98,12 @@ impl AutopilotClock {
     ///
     /// # Errors
     /// [`Cause::Stale`] when it is on another clock, or too old.
-    pub fn foreign_usec(&self, us: u64) -> Result<ApTime, Cause> {
+    pub fn foreign_usec(&self, us: u64) -> Result<AutopilotTime, Cause> {
         let us = i64::try_from(us).map_err(|_| Cause::Absurd)?;
         let offset = if us >= UNIX_EPOCH_US { self.unix_minus_boot_us.ok_or(Cause::Stale)? } else { 0 };
         let boot_us = us - offset;
         let near = self.newest.is_some() && self.near(boot_us);
-        near.then(|| ApTime::from_micros(boot_us.saturating_add(self.base_us))).ok_or(Cause::Stale)
+        near.then(|| AutopilotTime::from_micros(boot_us.saturating_add(self.base_us))).ok_or(Cause::Stale)
     }
 
     /// SYSTEM_TIME: what 1970 means on this clock. Zero (not known) changes nothing.
@@ -116,7 +116,7 @@ impl AutopilotClock {
     }
 
     /// Seconds since 1970 of an axis time, if SYSTEM_TIME has told it.
-    pub fn unix_seconds(&self, time: ApTime) -> Option<f64> {
+    pub fn unix_seconds(&self, time: AutopilotTime) -> Option<f64> {
         self.unix_minus_boot_us.map(|o| self.boot_micros(time).saturating_add(o) as f64 * 1e-6)
     }
 
@@ -125,11 +125,11 @@ impl AutopilotClock {
         -LATE.micros() <= off.micros() && off <= AHEAD
     }
 
-    fn accept(&mut self, boot_us: i64) -> Result<ApTime, Cause> {
+    fn accept(&mut self, boot_us: i64) -> Result<AutopilotTime, Cause> {
         if !(0..=LONGEST_UPTIME_US).contains(&boot_us) {
             return Err(Cause::Absurd);
         }
-        let time = ApTime::from_micros(boot_us.saturating_add(self.base_us));
+        let time = AutopilotTime::from_micros(boot_us.saturating_add(self.base_us));
         let Some(newest) = self.newest else {
             self.newest = Some(time);
             self.newest_boot_us = boot_us;
@@ -161,7 +161,7 @@ impl AutopilotClock {
         } else {
             self.event = Some(ClockEvent::Gap(Span::from_micros(boot_us - self.newest_boot_us)));
         }
-        let time = ApTime::from_micros(boot_us.saturating_add(self.base_us));
+        let time = AutopilotTime::from_micros(boot_us.saturating_add(self.base_us));
         self.newest = Some(time);
         self.newest_boot_us = boot_us;
         Ok(time)
@@ -209,7 +209,7 @@ mod tests {
         clock.boot_ms(100_000).unwrap();
         assert_eq!(clock.boot_ms(4_000_000), Err(Cause::Stale));
         assert_eq!(clock.boot_ms(5), Err(Cause::OutOfOrder));
-        assert_eq!(clock.boot_ms(100_020).unwrap(), ApTime::from_micros(100_020_000));
+        assert_eq!(clock.boot_ms(100_020).unwrap(), AutopilotTime::from_micros(100_020_000));
         assert_eq!(clock.take_event(), None);
     }
 

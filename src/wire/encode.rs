@@ -11,7 +11,7 @@ use mavlink::dialects::ardupilotmega::{
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::outbound::message::{Odometry, OutboundMessage, PoseFrame, VisionPosition};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::clock::AutopilotClock;
 
@@ -84,7 +84,7 @@ fn vision_position(v: &VisionPosition, clock: &AutopilotClock) -> Option<MavMess
     }))
 }
 
-fn boot_usec(time: ApTime, clock: &AutopilotClock) -> Option<u64> {
+fn boot_usec(time: AutopilotTime, clock: &AutopilotClock) -> Option<u64> {
     u64::try_from(clock.boot_micros(time)).ok()
 }
 
@@ -138,7 +138,7 @@ mod tests {
             *c = 0.5 + i as f64;
         }
         Odometry {
-            time: ApTime::from_micros(123_456_789),
+            time: AutopilotTime::from_micros(123_456_789),
             frame,
             position: Vector3::new(1.5, -2.5, -30.25),
             attitude: so3::to_quaternion(&so3::exp(&Vector3::new(0.3, -0.2, 2.5))),
@@ -238,13 +238,13 @@ mod tests {
             let _ = clock.boot_ms(1000 + i);
         }
         let after = clock.newest().unwrap();
-        assert!(after > ApTime::from_micros(500_000_000), "the axis goes on");
+        assert!(after > AutopilotTime::from_micros(500_000_000), "the axis goes on");
         let o = Odometry { time: after, ..sample(PoseFrame::LocalFrd) };
         let Some(MavMessage::ODOMETRY(m)) = encode(&OutboundMessage::Odometry(o), &clock) else {
             panic!("not encoded")
         };
         assert_eq!(m.time_usec, 1_009_000);
-        let before = Odometry { time: ApTime::from_micros(0), ..o };
+        let before = Odometry { time: AutopilotTime::from_micros(0), ..o };
         assert_eq!(encode(&OutboundMessage::Odometry(before), &clock), None, "before the boot");
     }
 

@@ -13,7 +13,7 @@ use crate::sample::{
     Airframe, FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, LandmarkSample, MagSample,
     PressureSample, RangeDirection, RangeSample, Sample, Sighting, VehicleStatus,
 };
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::encode::{float, triple};
 use super::session::identity::AutopilotKind;
@@ -26,7 +26,7 @@ const UNKNOWN: u16 = u16::MAX;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehicleTruth {
     /// When.
-    pub time: ApTime,
+    pub time: AutopilotTime,
     /// Attitude.
     pub r_body_to_ned: Matrix3<f64>,
     /// Place; height above mean sea level.
@@ -114,13 +114,13 @@ pub fn sensors_present(has_airspeed: bool) -> MavMessage {
 }
 
 /// SYSTEM_TIME: what microseconds since 1970 a time is.
-pub fn system_time(time: ApTime, unix_us: u64) -> Option<MavMessage> {
+pub fn system_time(time: AutopilotTime, unix_us: u64) -> Option<MavMessage> {
     let time_boot_ms = boot_ms(time)?;
     Some(MavMessage::SYSTEM_TIME(apm::SYSTEM_TIME_DATA { time_unix_usec: unix_us, time_boot_ms }))
 }
 
 /// GPS_GLOBAL_ORIGIN: where the autopilot's local frame lies.
-pub fn origin(time: ApTime, origin: &Geodetic) -> Option<MavMessage> {
+pub fn origin(time: AutopilotTime, origin: &Geodetic) -> Option<MavMessage> {
     let [latitude, longitude] = degrees_e7(origin)?;
     Some(MavMessage::GPS_GLOBAL_ORIGIN(apm::GPS_GLOBAL_ORIGIN_DATA {
         latitude,
@@ -371,12 +371,12 @@ fn landing_target(s: &LandmarkSample) -> Option<MavMessage> {
     }))
 }
 
-fn boot_usec(time: ApTime) -> Option<u64> {
+fn boot_usec(time: AutopilotTime) -> Option<u64> {
     u64::try_from(time.micros()).ok()
 }
 
 /// Wraps after 49.7 days, as the field does.
-fn boot_ms(time: ApTime) -> Option<u32> {
+fn boot_ms(time: AutopilotTime) -> Option<u32> {
     Some(((boot_usec(time)? + 500) / 1000) as u32)
 }
 
@@ -404,7 +404,7 @@ mod tests {
     use crate::sample::{AirspeedSample, GroundVelocity};
     use crate::time::Span;
 
-    const TIME: ApTime = ApTime::from_micros(12_345_000);
+    const TIME: AutopilotTime = AutopilotTime::from_micros(12_345_000);
 
     fn messages(all: &[Sample]) -> Vec<MavMessage> {
         let mut out = Vec::new();
@@ -412,7 +412,7 @@ mod tests {
         out
     }
 
-    fn imu(time: ApTime) -> Sample {
+    fn imu(time: AutopilotTime) -> Sample {
         Sample::Imu(ImuSample {
             time,
             angular_rate_body: Vector3::new(0.1, -0.2, 0.3),
@@ -439,7 +439,7 @@ mod tests {
             assert!(messages(&[flow(value), airspeed(value), pressure(value)]).is_empty(), "{value}");
         }
         assert_eq!(messages(&[flow(0.1), airspeed(20.0), pressure(1e5)]).len(), 3);
-        assert!(messages(&[imu(ApTime::from_micros(-1))]).is_empty());
+        assert!(messages(&[imu(AutopilotTime::from_micros(-1))]).is_empty());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use holdover::landmark::{
 };
 use holdover::sim::landmarks::SeenLandmark;
 use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, Wander};
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 
@@ -193,7 +193,7 @@ fn a_good_guess_is_kept_where_nothing_better_can_be_had() {
 }
 
 /// A filter over the usual field that has converged, with its flight; `each` may still be told more.
-fn converged() -> (LandmarkFilter, ApTime, LandmarkFlight) {
+fn converged() -> (LandmarkFilter, AutopilotTime, LandmarkFlight) {
     let (w, f) = (Wander::over_field(0.3), field(2));
     let mut case = usual(&w, &f, 2);
     (case.camera.delay_s, case.camera.dropout, case.duration_s) = (0.0, 0.0, 15.0);

@@ -15,7 +15,7 @@ use holdover::sim::models::ImuModel;
 use holdover::sim::{
     LandmarkCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth,
 };
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Matrix3, Vector3};
 
 /// GNSS goes, and landmarks have had the time to take the position over, s.
@@ -320,7 +320,7 @@ fn what_cannot_be_is_told_and_does_no_harm() {
             4 => LandmarkSample { sighting: angles(1.4), ..s },
             5 => s,
             6 => LandmarkSample { sighting: Sighting::Body(Vector3::repeat(f64::INFINITY)), ..s },
-            7 => LandmarkSample { time: ApTime::from_micros(i64::MAX / 2), ..s },
+            7 => LandmarkSample { time: AutopilotTime::from_micros(i64::MAX / 2), ..s },
             _ => LandmarkSample { sighting: Sighting::Body(Vector3::zeros()), ..s },
         });
     });
@@ -408,7 +408,7 @@ fn the_camera_may_tell_positions_and_look_anywhere() {
         let q = field().markers.iter().find(|m| m.0 == id).unwrap().1;
         truth.r_body_to_ned.tr_mul(&(q - truth.position_ned))
     };
-    let at = |time: ApTime| {
+    let at = |time: AutopilotTime| {
         let step = (Simulation::seconds(time) * 100.0).round() as usize - 1;
         field().steps[step].truth
     };

@@ -8,7 +8,7 @@ use holdover::navigator::solution::Mode;
 use holdover::navigator::verdict::Reason;
 use holdover::sample::{Sample, SampleKind};
 use holdover::sim::Simulation;
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
 /// The fault begins here, s.
@@ -33,7 +33,7 @@ fn fly(
     ready: &Ready,
     gnss: bool,
     mut fault: impl FnMut(f64, &Sample, &mut Vec<Sample>),
-    true_time: impl Fn(f64, ApTime) -> f64,
+    true_time: impl Fn(f64, AutopilotTime) -> f64,
 ) -> Seen {
     let mut seen = Seen {
         name: format!("{name}{}", if gnss { "" } else { ", no GNSS" }),
@@ -66,7 +66,7 @@ fn fly(
 }
 
 impl Seen {
-    fn look(&mut self, ready: &Ready, step: &Step, true_time: &impl Fn(f64, ApTime) -> f64) {
+    fn look(&mut self, ready: &Ready, step: &Step, true_time: &impl Fn(f64, AutopilotTime) -> f64) {
         let mode = self.navigator.mode();
         if self.modes.last().is_none_or(|(_, m)| *m != mode) {
             self.modes.push((step.t_s, mode));
@@ -113,7 +113,7 @@ impl Seen {
     }
 }
 
-fn same_time(_: f64, time: ApTime) -> f64 {
+fn same_time(_: f64, time: AutopilotTime) -> f64 {
     Simulation::seconds(time)
 }
 
@@ -339,7 +339,7 @@ fn clocks_that_stand_or_step_are_owned_up_to() {
                 let name = format!("{vehicle}: the clock steps by {by_s} s");
                 let stepped =
                     |_: f64, s: &Sample, out: &mut Vec<Sample>| out.push(moved(s, Span::from_seconds(by_s)));
-                let true_time = |t: f64, time: ApTime| {
+                let true_time = |t: f64, time: AutopilotTime| {
                     // Until a sample with the new clock was used, the solution is the old clock's.
                     let new = Simulation::seconds(time) - by_s;
                     if (new - t).abs() < 0.5 * PERIOD_S { t } else { Simulation::seconds(time) }

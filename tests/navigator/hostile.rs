@@ -15,7 +15,7 @@ use holdover::sample::{
     FlowRotation, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
     RangeDirection, RangeSample, Sample,
 };
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use holdover::wire::decode::Decoder;
 use holdover::wire::frame::{ComponentId, Scan, SystemId, scan};
 use holdover::wire::session::identity::{AutopilotKind, Vehicle};
@@ -203,7 +203,7 @@ fn gnss() -> impl Strategy<Value = Sample> {
     (place, fix, velocity, accuracy, 0u8..2, prop::option::of(0u8..30)).prop_map(
         |((lat, lon, h), fix, velocity, accuracy, receiver, satellites)| {
             Sample::Gnss(GnssSample {
-                time: ApTime::from_micros(0),
+                time: AutopilotTime::from_micros(0),
                 receiver,
                 fix,
                 position: (fix > GnssFix::None).then(|| Geodetic::from_degrees(lat, lon, h)),
@@ -219,7 +219,7 @@ fn gnss() -> impl Strategy<Value = Sample> {
 }
 
 fn sample() -> impl Strategy<Value = Sample> {
-    let time = ApTime::from_micros(0);
+    let time = AutopilotTime::from_micros(0);
     prop_oneof![
         10 => (vector(0.5), vector(3.0)).prop_map(move |(angular_rate_body, f)| Sample::Imu(ImuSample {
             time, angular_rate_body, specific_force_body: f - Vector3::z() * 9.8,
@@ -243,7 +243,7 @@ fn sample() -> impl Strategy<Value = Sample> {
     ]
 }
 
-fn at(mut sample: Sample, stamp: ApTime) -> Sample {
+fn at(mut sample: Sample, stamp: AutopilotTime) -> Sample {
     match &mut sample {
         Sample::Imu(s) => s.time = stamp,
         Sample::Mag(s) => s.time = stamp,
@@ -269,7 +269,7 @@ proptest! {
         let mut ms = navigator.solution().map_or(0, |s| s.time.micros() / 1000);
         for (step, sample) in samples {
             ms = ms.saturating_add(step);
-            let sample = at(sample, ApTime::from_micros(ms.saturating_mul(1000)));
+            let sample = at(sample, AutopilotTime::from_micros(ms.saturating_mul(1000)));
             navigator.ingest(&sample);
             if let Some(solution) = navigator.solution() {
                 prop_assert!(is_finite(&solution), "{:?} gave {:?}", sample, solution);

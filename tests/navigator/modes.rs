@@ -13,7 +13,7 @@ use holdover::sample::{
 };
 use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
 use holdover::sim::trajectory::{FixedWing, Multirotor, Trajectory, Truth};
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
 const IMU_HZ: i64 = 100;
@@ -42,8 +42,8 @@ struct Log {
     events: Vec<(f64, What)>,
 }
 
-fn at(t: f64) -> ApTime {
-    ApTime::from_micros((t * 1e6).round() as i64 + 5_000_000)
+fn at(t: f64) -> AutopilotTime {
+    AutopilotTime::from_micros((t * 1e6).round() as i64 + 5_000_000)
 }
 
 fn navigator(overrides: &[&str]) -> Navigator {
@@ -130,7 +130,7 @@ fn fly(flight: &Flight<'_>, duration_s: f64, overrides: &[&str]) -> Log {
     log
 }
 
-fn fix(time: ApTime, fix: GnssFix, position: Option<Geodetic>, velocity: Vector3<f64>) -> GnssSample {
+fn fix(time: AutopilotTime, fix: GnssFix, position: Option<Geodetic>, velocity: Vector3<f64>) -> GnssSample {
     GnssSample {
         time,
         receiver: 0,

@@ -12,18 +12,18 @@ use holdover::sample::{
 };
 use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
 use holdover::sim::trajectory::{Multirotor, Trajectory, Truth};
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Vector2, Vector6};
 use proptest::prelude::*;
 
 const PATCHES: &str = r#"flow.patches_deg=["11:-18:14", "12:18:14", "13:-18:-14", "14:18:-14"]"#;
 
-fn at(t: f64) -> ApTime {
-    ApTime::from_micros((t * 1e6).round() as i64 + 5_000_000)
+fn at(t: f64) -> AutopilotTime {
+    AutopilotTime::from_micros((t * 1e6).round() as i64 + 5_000_000)
 }
 
 /// What a patch really sees: sensor id, centre, truth.
-fn patch(sensor: u8, truth: &Truth, height_m: f64, time: ApTime) -> FlowSample {
+fn patch(sensor: u8, truth: &Truth, height_m: f64, time: AutopilotTime) -> FlowSample {
     let (right, forward) = [(-18.0, 14.0), (18.0, 14.0), (-18.0, -14.0), (18.0, -14.0)]
         .map(|(r, f): (f64, f64)| (r.to_radians().tan(), f.to_radians().tan()))[usize::from(sensor) - 11];
     let view = View::mounted(1.0, &CameraMount::down(), &truth.r_body_to_ned, height_m);

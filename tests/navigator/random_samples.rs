@@ -8,7 +8,7 @@ use holdover::sample::{
     MagSample, PressureSample, RangeDirection, RangeSample, Sample, SampleKind, Sighting,
 };
 use holdover::sim::Simulation;
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -41,7 +41,7 @@ fn step_us() -> impl Strategy<Value = i64> {
 
 /// A sample of any kind, its time yet to be set.
 fn any_sample() -> impl Strategy<Value = Sample> {
-    let time = ApTime::from_micros(0);
+    let time = AutopilotTime::from_micros(0);
     let some = || prop::option::of(number());
     let gnss = (
         (
@@ -152,7 +152,7 @@ proptest! {
             match act {
                 Act::Sample(sample, dt) => {
                     let time = now + Span::from_micros(*dt);
-                    let sample = moved(sample, time - ApTime::from_micros(0));
+                    let sample = moved(sample, time - AutopilotTime::from_micros(0));
                     navigator.ingest(&sample);
                     // Stamps from the ends of time are one sample's, not the clock's.
                     if dt.unsigned_abs() < 1_000_000_000_000 {

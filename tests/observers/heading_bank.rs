@@ -5,7 +5,7 @@ use holdover::filter::{BankVerdict, HeadingBank, HeadingBankSettings};
 use holdover::geo::so3::{self, Euler};
 use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
 use holdover::sim::trajectory::{FixedWing, Multirotor, Trajectory, Truth};
-use holdover::time::ApTime;
+use holdover::time::AutopilotTime;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// The same flight under another north.
@@ -58,7 +58,7 @@ fn fly(s: &Setup<'_>) -> Outcome {
     let environment = Environment::trondheim();
     let mut noisy = Noisy::new(NoiseLevels::mems(), s.seed);
     let mut bank = HeadingBank::new(HeadingBankSettings::standard(), environment.gravity_mps2);
-    let at = |t: f64| ApTime::from_micros((t * 1e6) as i64);
+    let at = |t: f64| AutopilotTime::from_micros((t * 1e6) as i64);
     let (dt, told_s) = (0.01, 0.12);
     let mut out = Outcome { found_s: None, at_found: None, end: (0.0, 0.0, 0.0), least_sigma: 9.0 };
     for k in 1..=(s.duration_s / dt) as i64 {
@@ -178,7 +178,7 @@ fn a_flight_without_acceleration_says_that_the_heading_is_unknown() {
 #[test]
 fn hostile_samples_and_fixes_are_refused_and_a_wrong_bank_starts_anew() {
     let mut bank = HeadingBank::new(HeadingBankSettings::standard(), 9.81);
-    let at = |k: i64| ApTime::from_micros(k * 10_000);
+    let at = |k: i64| AutopilotTime::from_micros(k * 10_000);
     let (still, up) = (Vector3::zeros(), Vector3::new(0.0, 0.0, -9.81));
     let north = Vector2::new(3.0, 0.0);
     assert_eq!(bank.velocity(at(0), &north, 0.15, 0.06), BankVerdict::TooEarly);

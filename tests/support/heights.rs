@@ -10,7 +10,7 @@ use holdover::pipeline::PipelineSettings;
 use holdover::replay::log::{Log, LogError};
 use holdover::replay::runner::Runner;
 use holdover::sample::{Input, PressureSample, Reference, Sample};
-use holdover::time::ApTime;
+use holdover::time::AutopilotTime;
 use holdover::wire::clock::AutopilotClock;
 
 /// The barometer's zero is the mean of this long after alignment, s.
@@ -93,9 +93,9 @@ pub struct Watch {
     runner: Runner,
     heights: Heights,
     /// The published height, its climb rate and its time at the last IMU sample: m, m/s.
-    last: Option<(ApTime, f64, f64)>,
+    last: Option<(AutopilotTime, f64, f64)>,
     /// The barometer that is the reference, and since when.
-    baro: Option<(u8, ApTime)>,
+    baro: Option<(u8, AutopilotTime)>,
     /// Height less pressure altitude: sum and number.
     zero: (f64, u32),
     baro_compared: Vec<Compared>,
@@ -178,7 +178,7 @@ impl Watch {
         }
     }
 
-    fn compared(&self, time: ApTime, reference_m: f64) -> Option<Compared> {
+    fn compared(&self, time: AutopilotTime, reference_m: f64) -> Option<Compared> {
         let (s, height) = self.published()?;
         let dt = time.seconds_since(s.time);
         (dt.abs() < STALE_S).then(|| Compared {

@@ -12,14 +12,14 @@ use holdover::landmark::{
 };
 use holdover::sim::landmarks::{LandmarkStep, wrong_start};
 use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, SeenLandmark, Trajectory, Truth};
-use holdover::time::ApTime;
+use holdover::time::AutopilotTime;
 use nalgebra::{Matrix3, Vector3};
 
 /// IMU period, s.
 pub const STEP_S: f64 = 0.02;
 
-pub fn stamp(t_s: f64) -> ApTime {
-    ApTime::from_micros((t_s * 1e6).round() as i64)
+pub fn stamp(t_s: f64) -> AutopilotTime {
+    AutopilotTime::from_micros((t_s * 1e6).round() as i64)
 }
 
 pub fn mount(camera: &LandmarkCamera) -> CameraMount {

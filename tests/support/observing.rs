@@ -10,7 +10,7 @@ use holdover::observer::attitude::MagneticPair;
 use holdover::observer::*;
 use holdover::sim::scenario::Scenario;
 use holdover::sim::*;
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Matrix3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -99,7 +99,7 @@ pub fn run(what: &Run, start: &Observer, then: &Observer, r_start: Matrix3<f64>)
     let (p0, v0) = noisy.gnss(&truth);
     let mut state = ObserverState::new(r_start, p0, v0);
     let mut biases = FusiniBiases::default();
-    let stamp = |k: i64| ApTime::from_micros(k * DT_US);
+    let stamp = |k: i64| AutopilotTime::from_micros(k * DT_US);
     let mut w =
         Predictor::new(what.scheme, Span::from_millis(800), Span::from_millis(1000), env.earth_rate_ned);
     w.reset(stamp(0), &p0, &v0);

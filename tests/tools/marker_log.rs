@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::command::holdover;
 use holdover::sample::{Input, LandmarkSample, Sample, Sighting};
-use holdover::time::ApTime;
+use holdover::time::AutopilotTime;
 use holdover::wire::counters::Cause;
 use holdover::wire::decode::Decoder;
 use holdover::wire::encode_vehicle;
@@ -88,7 +88,8 @@ fn decoder() -> Decoder {
         armed: false,
         version: None,
     });
-    let time = encode_vehicle::system_time(ApTime::from_micros(20_000_000), 1_790_000_020_000_000).unwrap();
+    let time =
+        encode_vehicle::system_time(AutopilotTime::from_micros(20_000_000), 1_790_000_020_000_000).unwrap();
     assert!(hear(&mut decoder, 1, 1, &time).is_empty());
     decoder
 }
@@ -110,7 +111,7 @@ fn message(sample: &LandmarkSample) -> MavMessage {
 #[test]
 fn landing_target_of_any_component_of_the_vehicle_is_a_sighting() {
     let bearing = Sighting::Bearing { angle_xy: [0.25, -0.5], distance_m: Some(12.5) };
-    let time = ApTime::from_micros(19_950_000);
+    let time = AutopilotTime::from_micros(19_950_000);
     for (component, sighting) in
         [(1, bearing), (100, bearing), (191, Sighting::Body(Vector3::new(1.0, -2.0, 8.0)))]
     {
@@ -126,7 +127,7 @@ fn landing_target_of_any_component_of_the_vehicle_is_a_sighting() {
 #[test]
 fn stamps_of_another_clock_and_frames_that_are_not_the_vehicles_are_counted() {
     let sighting = Sighting::Body(Vector3::new(1.0, -2.0, 8.0));
-    let at = |us| LandmarkSample { time: ApTime::from_micros(us), camera: 100, id: 7, sighting };
+    let at = |us| LandmarkSample { time: AutopilotTime::from_micros(us), camera: 100, id: 7, sighting };
     let mut decoder = decoder();
     (0..20).for_each(|k| assert!(hear(&mut decoder, 1, 100, &message(&at(900_000_000 + k))).is_empty()));
     assert_eq!((decoder.counters().of(Cause::Stale), decoder.clock().reboots()), (20, 0));

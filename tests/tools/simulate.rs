@@ -9,7 +9,7 @@ use holdover::replay::log::Log;
 use holdover::sample::{FlowRotation, Input, Reference, Sample, TruthState, VehicleStatus};
 use holdover::sim::models::{AirspeedModel, ImuModel};
 use holdover::sim::{Scenario, SensorSuite, Simulation};
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Matrix3, UnitQuaternion};
 use tempfile::{TempDir, tempdir};
 
@@ -54,7 +54,7 @@ fn decode(path: &Path) -> Decoded {
     d
 }
 
-fn close(a: f64, b: f64, tolerance: f64, what: &str, time: ApTime) {
+fn close(a: f64, b: f64, tolerance: f64, what: &str, time: AutopilotTime) {
     assert!((a - b).abs() <= tolerance, "{what} at {time:?}: {a} and {b}");
 }
 

@@ -25,7 +25,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::geo::so3;
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 use hypothesis::{Hypothesis, StartDoubt};
 use jitter::Jitter;
 use mixture::{Moments, mean_velocity, normalise};
@@ -140,7 +140,7 @@ pub enum BankVerdict {
 /// An IMU sample that waits for a fix.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
-    time: ApTime,
+    time: AutopilotTime,
     dt: f64,
     rate_body: Vector3<f64>,
     force_body: Vector3<f64>,
@@ -158,8 +158,8 @@ pub struct HeadingBank {
     jitter: Jitter,
     bank: Vec<Hypothesis>,
     /// The time the hypotheses stand at.
-    time: ApTime,
-    last_fix: Option<ApTime>,
+    time: AutopilotTime,
+    last_fix: Option<AutopilotTime>,
     outliers: u32,
     mean_nis: f64,
     /// Mean rate of turn about the vertical, rad/s.
@@ -171,7 +171,7 @@ pub struct HeadingBank {
 /// Since when the heading has been known, and by how much fixes have turned it since.
 #[derive(Clone, Copy, Debug)]
 struct Settled {
-    since: ApTime,
+    since: AutopilotTime,
     turned: f64,
 }
 
@@ -184,7 +184,7 @@ impl HeadingBank {
             waiting: VecDeque::with_capacity(WAITING),
             jitter: Jitter::default(),
             bank: Vec::with_capacity(HYPOTHESES),
-            time: ApTime::from_micros(0),
+            time: AutopilotTime::from_micros(0),
             last_fix: None,
             outliers: 0,
             mean_nis: 2.0,
@@ -204,7 +204,7 @@ impl HeadingBank {
     }
 
     /// An IMU sample: means over the `dt` s before `time`, body axes.
-    pub fn imu(&mut self, time: ApTime, dt: f64, rate_body: &Vector3<f64>, force_body: &Vector3<f64>) {
+    pub fn imu(&mut self, time: AutopilotTime, dt: f64, rate_body: &Vector3<f64>, force_body: &Vector3<f64>) {
         let newest = self.waiting.back().map_or(self.time, |w| w.time);
         let late = time <= newest && (self.is_running() || !self.waiting.is_empty());
         let finite = (rate_body.sum() + force_body.sum()).is_finite();
@@ -237,7 +237,7 @@ impl HeadingBank {
     /// A GNSS velocity of the time `measured` with its standard deviation a component, m/s, and that of its time, s.
     pub fn velocity(
         &mut self,
-        measured: ApTime,
+        measured: AutopilotTime,
         velocity_ne: &Vector2<f64>,
         sigma_mps: f64,
         latency_sigma_s: f64,
@@ -321,7 +321,7 @@ impl HeadingBank {
 
     /// Starts at the attitude that the specific force shows as if it were gravity; a specific force of another size says by how much it
     /// may not be: a banked turn and a multirotor that accelerates without climbing lean by acos(g/|f|).
-    fn start(&mut self, measured: ApTime, velocity_ne: &Vector2<f64>, sigma_mps: f64) -> BankVerdict {
+    fn start(&mut self, measured: AutopilotTime, velocity_ne: &Vector2<f64>, sigma_mps: f64) -> BankVerdict {
         let from = measured - Span::from_seconds(LEVELLING_S);
         let mut sum = Vector3::zeros();
         let mut covered = 0.0;
@@ -360,7 +360,7 @@ impl HeadingBank {
     }
 
     /// Moves the hypotheses to `to`, which the newest sample has reached.
-    fn advance(&mut self, to: ApTime) {
+    fn advance(&mut self, to: AutopilotTime) {
         while let Some(first) = self.waiting.front().copied() {
             if first.time <= to {
                 self.waiting.pop_front();

@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use crate::filter::error_state::Lag;
 use crate::geo::so3;
 use crate::landmark::{LandmarkPose, Observability};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::super::Navigator;
 use super::super::budget::ErrorBudget;
@@ -53,21 +53,21 @@ const CARRIES_S: f64 = 1.5;
 /// What the pose is worth.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Standing {
-    looked_at: Option<ApTime>,
+    looked_at: Option<AutopilotTime>,
     /// Since when the pose has counted, or not.
-    turned: Option<ApTime>,
+    turned: Option<AutopilotTime>,
     counts: bool,
     found: bool,
     /// Since when landmarks and GNSS are apart, or agree; and which of both is told.
-    apart_turned: Option<ApTime>,
+    apart_turned: Option<AutopilotTime>,
     apart: bool,
     /// Landmarks that were told of, by id; and that they contradict each other without a majority.
     told: [u64; 4],
     contradiction_told: bool,
     /// The newest fix in this outage; with it the error is that of the survey.
-    fixed: Option<ApTime>,
+    fixed: Option<AutopilotTime>,
     anchor_sigma_m: f64,
-    refused_since: Option<ApTime>,
+    refused_since: Option<AutopilotTime>,
 }
 
 /// A pose in NED.
@@ -83,7 +83,7 @@ struct Fix {
 
 impl Standing {
     /// Turns `turned` to `now` when `is` is another than `was`; for how long it has been so.
-    fn lasted(turned: &mut Option<ApTime>, now: ApTime, changes: bool) -> f64 {
+    fn lasted(turned: &mut Option<AutopilotTime>, now: AutopilotTime, changes: bool) -> f64 {
         if changes || turned.is_none() {
             *turned = Some(now);
         }
@@ -101,7 +101,7 @@ fn repeated(variance: f64, drift: f64) -> f64 {
 
 impl Navigator {
     /// Looks at the landmarks' pose, every so often.
-    pub(super) fn judge_landmarks(&mut self, now: ApTime) {
+    pub(super) fn judge_landmarks(&mut self, now: AutopilotTime) {
         let outage = self.modes.dead_reckoning();
         let Some(sense) = &mut self.landmarks else { return };
         if sense.standing.looked_at.is_some_and(|t| now.seconds_since(t) < PERIOD_S) {
@@ -133,7 +133,7 @@ impl Navigator {
     }
 
     /// Landmarks that contradict the others are told once, until they do not any more.
-    fn tell_contradictions(&mut self, now: ApTime) {
+    fn tell_contradictions(&mut self, now: AutopilotTime) {
         let Some(sense) = &mut self.landmarks else { return };
         let Some(filter) = &sense.filter else { return };
         let mut suspects = [0u64; 4];
@@ -160,7 +160,7 @@ impl Navigator {
         }
     }
 
-    fn take_landmark_pose(&mut self, now: ApTime, pose: &LandmarkPose, lasted_s: f64) {
+    fn take_landmark_pose(&mut self, now: AutopilotTime, pose: &LandmarkPose, lasted_s: f64) {
         let mode = self.modes.mode();
         if mode == Mode::Aided {
             self.learn_landmark_frame(now, pose);
@@ -201,7 +201,7 @@ impl Navigator {
     }
 
     /// GNSS shows how the landmarks' own frame lies.
-    fn learn_landmark_frame(&mut self, now: ApTime, pose: &LandmarkPose) {
+    fn learn_landmark_frame(&mut self, now: AutopilotTime, pose: &LandmarkPose) {
         let (Some((p, _)), variance) = (self.estimate(), self.attitude_variance().z) else { return };
         let r = self.r_body_to_ned;
         let Some(sense) = self.landmarks.as_mut().filter(|s| s.setup.frame == LandmarkFrame::Local) else {
@@ -215,7 +215,7 @@ impl Navigator {
     }
 
     /// A trusted GNSS and landmarks have to agree.
-    fn compare_landmarks(&mut self, now: ApTime, fix: &Fix) {
+    fn compare_landmarks(&mut self, now: AutopilotTime, fix: &Fix) {
         let Some((p, _)) = self.estimate() else { return };
         let distance = (fix.position_ned - p).xy().norm();
         let gnss = 2.0 * self.gnss_sigma_m.powi(2);
@@ -234,7 +234,7 @@ impl Navigator {
     }
 
     /// An absolute fix without GNSS.
-    fn fix_by_landmarks(&mut self, now: ApTime, fix: &Fix, lasted_s: f64) {
+    fn fix_by_landmarks(&mut self, now: AutopilotTime, fix: &Fix, lasted_s: f64) {
         // What GNSS said while it was walked away with says nothing against landmarks.
         let lied = matches!(self.trust.state(), GnssState::Untrusted(GnssFault::Inconsistent));
         let Some((p, _)) = self.estimate() else { return };
@@ -281,7 +281,7 @@ impl Navigator {
         }
     }
 
-    fn landmark_fixed(&mut self, now: ApTime) {
+    fn landmark_fixed(&mut self, now: AutopilotTime) {
         if let Some(sense) = &mut self.landmarks {
             sense.standing.fixed = Some(now);
             sense.standing.refused_since = None;
@@ -289,7 +289,7 @@ impl Navigator {
     }
 
     /// Position and heading to the filter.
-    fn fuse_landmark_fix(&mut self, now: ApTime, e: &Vector2<f64>, fix: &Fix) {
+    fn fuse_landmark_fix(&mut self, now: AutopilotTime, e: &Vector2<f64>, fix: &Fix) {
         let Some(kalman) = &mut self.kalman else { return };
         let Some(filter) = self.landmarks.as_ref().map(|s| s.setup.filter) else { return };
         let turn = so3::log(&(fix.r_body_to_ned * kalman.filter.state().r_body_to_ned.transpose())).z;
@@ -321,7 +321,7 @@ impl Navigator {
     }
 
     /// The position is where the landmarks say, whatever was believed of it.
-    fn relocate(&mut self, now: ApTime, e: &Vector2<f64>, fix: &Fix) {
+    fn relocate(&mut self, now: AutopilotTime, e: &Vector2<f64>, fix: &Fix) {
         let shift = Vector3::new(e.x, e.y, 0.0);
         if let Some(kalman) = &mut self.kalman {
             let position = kalman.filter.state().position_ned.xy() + e;
@@ -348,20 +348,20 @@ impl Navigator {
     }
 
     /// The published position jumps to the estimate.
-    fn jump_to_estimate(&mut self, now: ApTime) {
+    fn jump_to_estimate(&mut self, now: AutopilotTime) {
         let away = std::mem::take(&mut self.offset_ned).norm();
         self.reset_counter = self.reset_counter.wrapping_add(1);
         self.tell(now, What::Reset(away));
     }
 
     /// Whether the position is that of landmarks.
-    fn on_landmarks(&self, now: ApTime) -> bool {
+    fn on_landmarks(&self, now: AutopilotTime) -> bool {
         let fixed = self.landmarks.as_ref().and_then(|s| s.standing.fixed);
         self.modes.dead_reckoning() && fixed.is_some_and(|t| now - t < Span::from_seconds(CARRIES_S))
     }
 
     /// What carries, as it is told: landmarks where they are in view.
-    pub(in super::super) fn shown_carrier(&self, now: ApTime) -> Carrier {
+    pub(in super::super) fn shown_carrier(&self, now: AutopilotTime) -> Carrier {
         if self.on_landmarks(now) { Carrier::Landmarks } else { self.carrier }
     }
 

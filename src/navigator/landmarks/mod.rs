@@ -18,7 +18,7 @@ use crate::landmark::{
     SightingVerdict,
 };
 use crate::sample::{LandmarkSample, SampleKind, Sighting};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::Navigator;
 use super::solution::Mode;
@@ -57,8 +57,8 @@ pub(super) struct LandmarkSense {
     moved: Moved,
     held: VecDeque<LandmarkSighting>,
     /// The newest sighting of a landmark that is known, and the newest that was used.
-    seen_at: Option<ApTime>,
-    used_at: Option<ApTime>,
+    seen_at: Option<AutopilotTime>,
+    used_at: Option<AutopilotTime>,
     standing: Standing,
     relation: Relation,
 }
@@ -162,7 +162,7 @@ impl Navigator {
     }
 
     /// One IMU sample: the filter is carried on.
-    pub(super) fn feel_landmarks(&mut self, now: ApTime, dt: f64) {
+    pub(super) fn feel_landmarks(&mut self, now: AutopilotTime, dt: f64) {
         if self.landmarks.is_none() || self.modes.mode() == Mode::Aligning {
             return;
         }
@@ -195,7 +195,7 @@ impl Navigator {
         self.judge_landmarks(now);
     }
 
-    fn start_landmarks(&mut self, now: ApTime) {
+    fn start_landmarks(&mut self, now: AutopilotTime) {
         let (Some(sense), Some(place)) = (&self.landmarks, &self.place) else { return };
         let Ok(map) = sense.setup.map(&place.frame) else { return };
         let Some(guess) = self.landmark_guess(&map) else { return };

@@ -4,7 +4,7 @@ use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::Vector3;
 
 use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
-use crate::time::ApTime;
+use crate::time::AutopilotTime;
 
 use super::{Cause, Decoder, Out, finite, within};
 
@@ -70,7 +70,13 @@ impl Decoder {
         self.milli_units(2, time, milli, out)
     }
 
-    fn milli_units(&mut self, rank: usize, time: ApTime, raw: [i16; 9], out: Out<'_>) -> Result<(), Cause> {
+    fn milli_units(
+        &mut self,
+        rank: usize,
+        time: AutopilotTime,
+        raw: [i16; 9],
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
         let v =
             |i: usize| Vector3::new(f64::from(raw[i]), f64::from(raw[i + 1]), f64::from(raw[i + 2])) * 1e-3;
         let used = self.inertial(rank, time, v(3), v(0) * STANDARD_GRAVITY, out)?;
@@ -84,7 +90,7 @@ impl Decoder {
     fn inertial(
         &mut self,
         rank: usize,
-        time: ApTime,
+        time: AutopilotTime,
         angular_rate_body: Vector3<f64>,
         specific_force_body: Vector3<f64>,
         out: Out<'_>,
@@ -114,13 +120,13 @@ impl Decoder {
     }
 }
 
-fn pressure_sample(time: ApTime, sensor: u8, hpa: f32) -> Result<Sample, Cause> {
+fn pressure_sample(time: AutopilotTime, sensor: u8, hpa: f32) -> Result<Sample, Cause> {
     // From 20 km of height to the deepest valley.
     let pressure_pa = within(hpa, 50.0, 1200.0)? * 100.0;
     Ok(Sample::Pressure(PressureSample { time, sensor, pressure_pa }))
 }
 
-fn magnetic(time: ApTime, sensor: u8, field_body: Vector3<f64>, out: Out<'_>) -> Result<(), Cause> {
+fn magnetic(time: AutopilotTime, sensor: u8, field_body: Vector3<f64>, out: Out<'_>) -> Result<(), Cause> {
     if !FIELD_T.contains(&field_body.norm()) {
         // Before its first measurement a magnetometer is reported as zero: no news, not a fault.
         return if field_body == Vector3::zeros() { Ok(()) } else { Err(Cause::Absurd) };

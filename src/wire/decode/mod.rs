@@ -13,7 +13,7 @@ use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
 use crate::sample::{Input, VehicleStatus};
-use crate::time::{ApTime, Span};
+use crate::time::{AutopilotTime, Span};
 
 use super::clock::AutopilotClock;
 use super::counters::{Cause, Counters};
@@ -166,7 +166,7 @@ impl Decoder {
     }
 
     /// The newest time of the stream, for messages that carry none.
-    fn now(&self) -> Result<ApTime, Cause> {
+    fn now(&self) -> Result<AutopilotTime, Cause> {
         self.clock.newest().ok_or(Cause::Stale)
     }
 }
@@ -180,7 +180,7 @@ impl Default for Decoder {
 /// Chooses among several sources of the same measurement, listed best first: the best one that was heard within the last second.
 #[derive(Clone, Debug)]
 struct Preference<const N: usize> {
-    heard: [Option<ApTime>; N],
+    heard: [Option<AutopilotTime>; N],
 }
 
 impl<const N: usize> Default for Preference<N> {
@@ -193,7 +193,7 @@ impl<const N: usize> Preference<N> {
     const SILENCE: Span = Span::from_millis(1000);
 
     /// Notes that source `rank` was heard and tells whether it is the one to use.
-    fn take(&mut self, rank: usize, time: ApTime) -> bool {
+    fn take(&mut self, rank: usize, time: AutopilotTime) -> bool {
         let Some(slot) = self.heard.get_mut(rank) else { return false };
         *slot = Some(time);
         self.heard[..rank].iter().flatten().all(|&better| time - better > Self::SILENCE)

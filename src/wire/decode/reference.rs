@@ -108,7 +108,7 @@ impl Decoder {
 }
 
 fn truth(
-    time: crate::time::ApTime,
+    time: crate::time::AutopilotTime,
     q: [f32; 4],
     (lat_deg, lon_deg, height_m): (f64, f64, f64),
     velocity_ned: Option<Vector3<f64>>,

@@ -7,7 +7,7 @@ use super::Address;
 use super::identity::{Identity, IdentityConfig, IdentityEvent, Sender, Vehicle};
 use super::requests::{Refusal, StreamRequests, StreamSettings};
 use super::timesync::{TimeSync, TimeSyncConfig, TimeSyncHeard};
-use crate::time::{ApTime, Companion, Span, Stamp};
+use crate::time::{AutopilotTime, Companion, Span, Stamp};
 use crate::wire::clock::AutopilotClock;
 use crate::wire::frame::{Frame, SystemId};
 
@@ -21,7 +21,7 @@ pub struct AutopilotSession {
     rates: StreamSettings,
     dialogue: Option<Dialogue>,
     /// The newest time of the autopilot's, and when it came.
-    newest: Option<(ApTime, Stamp<Companion>)>,
+    newest: Option<(AutopilotTime, Stamp<Companion>)>,
 }
 
 /// What is said to an autopilot once it is known.
@@ -124,7 +124,7 @@ impl AutopilotSession {
     }
 
     /// Takes note of the newest time that the autopilot's stamps have told, by a frame that came at `at`.
-    pub fn stamped(&mut self, newest: Option<ApTime>, at: Stamp<Companion>) {
+    pub fn stamped(&mut self, newest: Option<AutopilotTime>, at: Stamp<Companion>) {
         if newest != self.newest.map(|(time, _)| time) {
             self.newest = newest.map(|time| (time, at));
         }

@@ -2,7 +2,7 @@
 
 use holdover::observer::attitude::Discretisation;
 use holdover::observer::{FixSample, Predictor, Scheme, TranslationGains};
-use holdover::time::{ApTime, Span};
+use holdover::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 use serde_json::Value;
 
@@ -54,8 +54,8 @@ impl Flight {
     }
 
     /// When sample k was, to the microsecond.
-    pub fn stamp(&self, k: usize) -> ApTime {
-        ApTime::from_micros((self.t[k] * 1e6).round() as i64)
+    pub fn stamp(&self, k: usize) -> AutopilotTime {
+        AutopilotTime::from_micros((self.t[k] * 1e6).round() as i64)
     }
 
     /// The fix stamped with sample k.

@@ -8,7 +8,7 @@ use holdover::landmark::riccati::Discount;
 use holdover::landmark::{
     BodyMotion, CameraModel, HinfFilter, HinfSettings, ImplicitSystem, VisionInertial, VisionSample,
 };
-use holdover::time::ApTime;
+use holdover::time::AutopilotTime;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde_json::Value;
 
@@ -201,7 +201,7 @@ pub fn dead_reckoned(file: &Value) -> Result<Outcome> {
     };
     let (lever, landmarks) = (vector(file, "lever")?, vectors(file, "landmarks_V")?);
     let motions = rows::<6>(file, "inputs_vw")?;
-    let time = |k: usize| ApTime::from_micros((k as f64 * h * 1e6).round() as i64);
+    let time = |k: usize| AutopilotTime::from_micros((k as f64 * h * 1e6).round() as i64);
     let mut reckoning = DeadReckoning::new(time(0), 1e3, 1e3, motions.len() + 1);
     let mut filter = Information::new(
         &vector(file, "P0")?,

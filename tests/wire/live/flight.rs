@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use holdover::sample::Input;
-use holdover::time::ApTime;
+use holdover::time::AutopilotTime;
 use holdover::wire::frame::{Frame, Scan, scan};
 use holdover::wire::tlog::TlogReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
@@ -70,7 +70,7 @@ impl Flight {
     /// Boot time of the first sample or reference, µs: what `replay` and `--deny-gnss` count from.
     pub fn start_us(name: &str) -> i64 {
         let log = holdover::replay::log::Log::open(&path(name), None).unwrap();
-        let mut start: Option<ApTime> = None;
+        let mut start: Option<AutopilotTime> = None;
         log.play(
             |_, _| {},
             |_, item| {
