@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use crate::navigator::landmarks::LandmarkSetup;
+use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::replay::log::Log;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;

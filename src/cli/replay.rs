@@ -13,9 +13,9 @@ use crate::geo::so3::Euler;
 use crate::metrics::AidedReport;
 use crate::metrics::outage::OutageReport;
 use crate::navigator::Navigator;
-use crate::navigator::nis::Measured;
 use crate::navigator::settings::Estimator;
 use crate::navigator::solution::Solution;
+use crate::navigator::sources::status::Measured;
 use crate::replay::log::{Log, LogSummary};
 use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
 use crate::sample::{Input, SampleKind};
@@ -184,7 +184,7 @@ fn print_report(
         if heard == 0 {
             continue;
         }
-        let tally = runner.pipeline.navigator.tally();
+        let tally = runner.pipeline.navigator.statuses();
         let why: Vec<String> =
             tally.rejected(kind).map(|(reason, n)| format!("{n} {}", reason.label())).collect();
         table.row(vec![kind.label().into(), heard.to_string(), tally.used(kind).to_string(), why.join(", ")]);
@@ -193,7 +193,7 @@ fn print_report(
 
     outln!("\nWhat happened");
     for (t, event) in &outcome.events {
-        outln!("  {t:8.1} s  {}", event.what);
+        outln!("  {t:8.1} s  {}", event.kind);
     }
     let navigator = &runner.pipeline.navigator;
     for ((id, calibration, trust), (_, latency, sigma)) in
@@ -275,7 +275,7 @@ fn print_innovations(navigator: &Navigator) {
     let mut table = Table::new(&["", "fused", "gated", "mean NIS"]);
     let mut any = false;
     for kind in Measured::ALL {
-        let count = navigator.nis().of(kind);
+        let count = navigator.statuses().nis(kind);
         if count.fused + count.gated > 0 {
             any = true;
             let mean = number(count.mean(), 2);
@@ -329,7 +329,7 @@ impl SolutionCsv {
             "{:.6},{},{:?},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.3},{:.3},{}",
             runner.seconds(s.time),
             s.mode.label(),
-            s.carrier,
+            s.velocity_source,
             p.x,
             p.y,
             p.z,

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use crate::geo::so3::Euler;
 use crate::geo::{Geodetic, LocalNed};
 use crate::landmark::{CameraMount, LandmarkSettings};
-use crate::navigator::landmarks::{LandmarkCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
+use crate::navigator::sources::landmarks::{LandmarkCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -10,15 +10,15 @@ use crate::altimeter::{
 use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
 use crate::filter::error_state::EskfSettings;
 use crate::geo::so3::Euler;
-use crate::navigator::air::AirSettings;
-use crate::navigator::budget::BudgetSettings;
-use crate::navigator::drag::DragSettings;
-use crate::navigator::landmarks::LandmarkSetup;
+use crate::navigator::settings::AirSettings;
+use crate::navigator::settings::BudgetSettings;
+use crate::navigator::settings::DragSettings;
+use crate::navigator::settings::TrustSettings;
 use crate::navigator::settings::{
     Estimator, FlowBiasSource, FlowSettings, GnssSettings, HeightSettings, HoldoverSettings,
     NavigatorSettings, ObserverSettings, RejoinSettings,
 };
-use crate::navigator::trust::TrustSettings;
+use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::outbound::{Carriage, OutboundSettings, Profile, Publish};
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;

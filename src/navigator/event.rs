@@ -6,8 +6,8 @@ use crate::altimeter::{Channel, Fault};
 use crate::camera::calibration::Distrust;
 use crate::time::AutopilotTime;
 
-use super::solution::{Carrier, Mode};
-use super::trust::GnssFault;
+use super::monitor::GnssFault;
+use super::solution::{Mode, VelocitySource};
 
 /// Something happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,12 +15,12 @@ pub struct Event {
     /// When.
     pub time: AutopilotTime,
     /// What.
-    pub what: What,
+    pub kind: EventKind,
 }
 
 /// What happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum What {
+pub enum EventKind {
     /// The mode changed.
     Mode {
         /// From.
@@ -28,7 +28,7 @@ pub enum What {
         /// To.
         to: Mode,
         /// Why.
-        why: Why,
+        reason: TransitionReason,
     },
     /// The frame's origin was set or moved; the distance it moved, m.
     Origin(f64),
@@ -60,7 +60,7 @@ pub enum What {
     /// The filter was started anew from the observer; their attitudes were this far apart, rad.
     FilterRestarted(f64),
     /// In holdover this carries the velocity now.
-    Carried(Carrier),
+    Carried(VelocitySource),
     /// The filter was carried over a hole in the IMU stream, s.
     Bridged(f64),
     /// There is no magnetometer: the heading is sought in the vehicle's accelerations.
@@ -90,7 +90,7 @@ pub enum What {
 
 /// Why a mode was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Why {
+pub enum TransitionReason {
     /// Attitude, heading and place are known.
     Aligned,
     /// GNSS is lost.
@@ -115,67 +115,91 @@ pub enum Why {
     Broken,
 }
 
-impl fmt::Display for Why {
+impl fmt::Display for TransitionReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Why::Aligned => write!(f, "aligned"),
-            Why::GnssLost(fault) => write!(f, "GNSS {}", fault.reason()),
-            Why::GnssBack => write!(f, "GNSS is back"),
-            Why::Joined => write!(f, "joined GNSS"),
-            Why::Uncertain(sigma) => write!(f, "uncertainty {sigma:.0} m"),
-            Why::Coasted(s) => write!(f, "{s:.0} s without velocity"),
-            Why::Landmarks => write!(f, "landmarks in view"),
-            Why::ImuGap(s) => write!(f, "IMU silent for {s:.1} s"),
-            Why::HeadingWrong => write!(f, "heading from motion does not fit"),
-            Why::Reboot => write!(f, "autopilot rebooted"),
-            Why::Broken => write!(f, "estimate not finite"),
+            TransitionReason::Aligned => write!(f, "aligned"),
+            TransitionReason::GnssLost(fault) => write!(f, "GNSS {}", fault.reason()),
+            TransitionReason::GnssBack => write!(f, "GNSS is back"),
+            TransitionReason::Joined => write!(f, "joined GNSS"),
+            TransitionReason::Uncertain(sigma) => write!(f, "uncertainty {sigma:.0} m"),
+            TransitionReason::Coasted(s) => write!(f, "{s:.0} s without velocity"),
+            TransitionReason::Landmarks => write!(f, "landmarks in view"),
+            TransitionReason::ImuGap(s) => write!(f, "IMU silent for {s:.1} s"),
+            TransitionReason::HeadingWrong => write!(f, "heading from motion does not fit"),
+            TransitionReason::Reboot => write!(f, "autopilot rebooted"),
+            TransitionReason::Broken => write!(f, "estimate not finite"),
         }
     }
 }
 
-impl fmt::Display for What {
+impl fmt::Display for EventKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            What::Mode { from, to, why } => write!(f, "{} -> {}: {why}", from.label(), to.label()),
-            What::Origin(m) if *m == 0.0 => write!(f, "origin set"),
-            What::Origin(m) => write!(f, "origin moved by {m:.2} m"),
-            What::Reset(m) => write!(f, "position reset by {m:.1} m"),
-            What::WalkedBack(m) => write!(f, "took back {m:.1} m of GNSS drift"),
-            What::Receiver(n) => write!(f, "using GNSS receiver {n}"),
-            What::FlowTrusted(n) => write!(f, "flow {n} trusted"),
-            What::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
-            What::HeightFault { channel, fault: fault @ Fault::Drift { .. }, .. } => {
+            EventKind::Mode { from, to, reason } => write!(f, "{} -> {}: {reason}", from.label(), to.label()),
+            EventKind::Origin(m) if *m == 0.0 => write!(f, "origin set"),
+            EventKind::Origin(m) => write!(f, "origin moved by {m:.2} m"),
+            EventKind::Reset(m) => write!(f, "position reset by {m:.1} m"),
+            EventKind::WalkedBack(m) => write!(f, "took back {m:.1} m of GNSS drift"),
+            EventKind::Receiver(n) => write!(f, "using GNSS receiver {n}"),
+            EventKind::FlowTrusted(n) => write!(f, "flow {n} trusted"),
+            EventKind::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
+            EventKind::HeightFault { channel, fault: fault @ Fault::Drift { .. }, .. } => {
                 write!(f, "{} {fault}", channel.label())
             }
-            What::HeightFault { channel, fault, for_s } => {
+            EventKind::HeightFault { channel, fault, for_s } => {
                 write!(f, "{} {fault} for {for_s:.1} s", channel.label())
             }
-            What::HeightHealed(channel) => write!(f, "{} healthy again", channel.label()),
-            What::InertialHeight(m) => write!(f, "inertial height was off, moved by {m:+.1} m"),
-            What::HeightReset(m) => write!(f, "height reset by {m:+.1} m"),
-            What::FilterRestarted(apart) => {
+            EventKind::HeightHealed(channel) => write!(f, "{} healthy again", channel.label()),
+            EventKind::InertialHeight(m) => write!(f, "inertial height was off, moved by {m:+.1} m"),
+            EventKind::HeightReset(m) => write!(f, "height reset by {m:+.1} m"),
+            EventKind::FilterRestarted(apart) => {
                 write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
             }
-            What::Carried(carrier) => write!(f, "carried by {}", carrier.label()),
-            What::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
-            What::HeadingSought => write!(f, "no magnetometer: heading from GNSS acceleration, needs motion"),
-            What::HeadingFound(sigma) => {
+            EventKind::Carried(carrier) => write!(f, "carried by {}", carrier.label()),
+            EventKind::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
+            EventKind::HeadingSought => {
+                write!(f, "no magnetometer: heading from GNSS acceleration, needs motion")
+            }
+            EventKind::HeadingFound(sigma) => {
                 write!(f, "heading found from motion, +- {:.0} deg", sigma.to_degrees())
             }
-            What::LandmarksFound => write!(f, "landmarks found"),
-            What::LandmarksLost => write!(f, "landmarks lost"),
-            What::LandmarkContradicts(id) => write!(f, "landmark {id} contradicts the others"),
-            What::LandmarksContradict { suspect, trusted } => {
+            EventKind::LandmarksFound => write!(f, "landmarks found"),
+            EventKind::LandmarksLost => write!(f, "landmarks lost"),
+            EventKind::LandmarkContradicts(id) => write!(f, "landmark {id} contradicts the others"),
+            EventKind::LandmarksContradict { suspect, trusted } => {
                 write!(f, "{suspect} landmarks contradict {trusted}: not used")
             }
-            What::LandmarksApart(m) => write!(f, "landmarks contradict GNSS by {m:.1} m: not used"),
-            What::LandmarksAgree => write!(f, "landmarks and GNSS agree"),
-            What::LandmarkFrame(heading, sigma) => write!(
+            EventKind::LandmarksApart(m) => write!(f, "landmarks contradict GNSS by {m:.1} m: not used"),
+            EventKind::LandmarksAgree => write!(f, "landmarks and GNSS agree"),
+            EventKind::LandmarkFrame(heading, sigma) => write!(
                 f,
                 "landmarks' frame aligned: turned by {:.1} +- {:.1} deg",
                 heading.to_degrees(),
                 sigma.to_degrees()
             ),
         }
+    }
+}
+
+/// Events that nobody has taken yet. Kept short: whoever runs the navigator drains them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct EventLog(Vec<Event>);
+
+impl EventLog {
+    pub(super) fn new() -> Self {
+        Self(Vec::with_capacity(64))
+    }
+
+    pub(super) fn tell(&mut self, time: AutopilotTime, kind: EventKind) {
+        self.0.push(Event { time, kind });
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub(super) fn drain(&mut self) -> impl Iterator<Item = Event> + '_ {
+        self.0.drain(..)
     }
 }

@@ -9,11 +9,11 @@ use crate::camera::{CalibrationSettings, CameraMount, PatchLimits, PatchTable};
 
 use crate::filter::error_state::EskfSettings;
 
-use super::air::AirSettings;
-use super::budget::BudgetSettings;
-use super::drag::DragSettings;
-use super::landmarks::LandmarkSetup;
-use super::trust::TrustSettings;
+pub use super::monitor::budget::BudgetSettings;
+pub use super::monitor::gnss_integrity::TrustSettings;
+pub use super::sources::airspeed::AirSettings;
+pub use super::sources::drag::DragSettings;
+use super::sources::landmarks::LandmarkSetup;
 
 /// What navigates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -36,7 +36,7 @@ impl Mode {
 /// What carries the horizontal velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Carrier {
+pub enum VelocitySource {
     /// GNSS position and velocity.
     Gnss,
     /// The position is that of known landmarks in view; what carries between them does not matter.
@@ -53,17 +53,17 @@ pub enum Carrier {
     Inertial,
 }
 
-impl Carrier {
+impl VelocitySource {
     /// What it is, for people.
     pub const fn label(self) -> &'static str {
         match self {
-            Carrier::Gnss => "GNSS",
-            Carrier::Landmarks => "landmarks",
-            Carrier::Flow => "optical flow",
-            Carrier::Airspeed => "airspeed",
-            Carrier::Drag => "rotor drag",
-            Carrier::Standstill => "standing still",
-            Carrier::Inertial => "inertia alone",
+            VelocitySource::Gnss => "GNSS",
+            VelocitySource::Landmarks => "landmarks",
+            VelocitySource::Flow => "optical flow",
+            VelocitySource::Airspeed => "airspeed",
+            VelocitySource::Drag => "rotor drag",
+            VelocitySource::Standstill => "standing still",
+            VelocitySource::Inertial => "inertia alone",
         }
     }
 }
@@ -76,7 +76,7 @@ pub struct Solution {
     /// The mode.
     pub mode: Mode,
     /// What carries the horizontal velocity.
-    pub carrier: Carrier,
+    pub velocity_source: VelocitySource,
     /// Position, m.
     pub position_ned: Vector3<f64>,
     /// Velocity, m/s.

@@ -1,11 +1,7 @@
 //! What became of every sample: used, waiting, or rejected with a reason. Silence is a bug, so all of it is counted.
 
-use std::collections::BTreeMap;
-
+use super::monitor::GnssFault;
 use crate::camera::calibration::Distrust;
-use crate::sample::SampleKind;
-
-use super::trust::GnssFault;
 
 /// Why a sample was not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -104,32 +100,4 @@ pub enum Verdict {
     Waiting,
     /// It was not used.
     Rejected(Reason),
-}
-
-/// Counts of verdicts by kind of sample.
-#[derive(Clone, Debug, Default)]
-pub struct Tally {
-    used: [u64; SampleKind::ALL.len()],
-    rejected: BTreeMap<(SampleKind, Reason), u64>,
-}
-
-impl Tally {
-    /// Counts one.
-    pub fn count(&mut self, kind: SampleKind, verdict: Verdict) {
-        match verdict {
-            Verdict::Used => self.used[kind as usize] += 1,
-            Verdict::Waiting => {}
-            Verdict::Rejected(reason) => *self.rejected.entry((kind, reason)).or_default() += 1,
-        }
-    }
-
-    /// Samples of `kind` that were used.
-    pub fn used(&self, kind: SampleKind) -> u64 {
-        self.used[kind as usize]
-    }
-
-    /// Rejections of `kind` by reason.
-    pub fn rejected(&self, kind: SampleKind) -> impl Iterator<Item = (Reason, u64)> + '_ {
-        self.rejected.iter().filter(move |((k, _), _)| *k == kind).map(|((_, r), n)| (*r, *n))
-    }
 }

@@ -252,7 +252,7 @@ const RATE_VARIANCE: f64 = 1e-4;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::navigator::solution::Carrier;
+    use crate::navigator::solution::VelocitySource;
     use nalgebra::Matrix3;
 
     fn settings(publish: Publish) -> OutboundSettings {
@@ -270,7 +270,7 @@ mod tests {
         Solution {
             time: AutopilotTime::from_micros(ms * 1000),
             mode,
-            carrier: Carrier::Flow,
+            velocity_source: VelocitySource::Flow,
             position_ned: Vector3::new(10.0, 20.0, -5.0),
             velocity_ned: Vector3::new(1.0, 2.0, 0.5),
             r_body_to_ned: so3::exp(&Vector3::new(0.1, -0.2, 2.0)),

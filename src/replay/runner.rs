@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::metrics::outage::{OutageReport, OutageScore};
 use crate::metrics::{AidedErrors, AidedReport, ErrorSample, ReferenceState};
-use crate::navigator::event::{Event, What};
+use crate::navigator::event::{Event, EventKind};
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline, PipelineSettings};
@@ -206,7 +206,7 @@ impl Runner {
         }
         for event in self.pipeline.navigator.drain_events() {
             let t_s = self.mask.seconds(event.time);
-            if let What::Mode { to, .. } = event.what {
+            if let EventKind::Mode { to, .. } = event.kind {
                 self.modes.push(ModeChange { t_s, mode: to });
             }
             self.events.push((t_s, event));

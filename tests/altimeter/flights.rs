@@ -133,7 +133,7 @@ fn pressures_of_zero_and_heights_without_a_fix_are_refused_as_such() {
         }
         heard.push(item);
     });
-    let tally = watch.runner().pipeline.navigator.tally();
+    let tally = watch.runner().pipeline.navigator.statuses();
     let refused = tally.rejected(SampleKind::Pressure).find(|(r, _)| *r == Reason::NotFinite).map(|(_, n)| n);
     assert!(zeros > 100 && refused == Some(zeros), "{zeros} {refused:?}");
     let h = watch.finish();

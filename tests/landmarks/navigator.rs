@@ -6,9 +6,11 @@ use crate::sound;
 use holdover::config::{Settings, Sources};
 use holdover::landmark::{CameraMount, LandmarkSettings};
 use holdover::navigator::Navigator;
-use holdover::navigator::event::{Event, What};
-use holdover::navigator::landmarks::{LandmarkCamera as Camera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
-use holdover::navigator::solution::{Carrier, Mode};
+use holdover::navigator::event::{Event, EventKind};
+use holdover::navigator::solution::{Mode, VelocitySource};
+use holdover::navigator::sources::landmarks::{
+    LandmarkCamera as Camera, LandmarkFrame, LandmarkPlace, LandmarkSetup,
+};
 use holdover::navigator::verdict::Reason;
 use holdover::sample::{LandmarkSample, Sample, SampleKind, Sighting, VehicleStatus};
 use holdover::sim::models::ImuModel;
@@ -180,12 +182,12 @@ fn fly(
                 f.navigator.ingest(&Sample::Landmark(*s));
             }
         }
-        let seconds = |e: Event| (Simulation::seconds(e.time), e.what);
+        let seconds = |e: Event| (Simulation::seconds(e.time), e.kind);
         f.events.extend(f.navigator.drain_events().map(seconds));
         let Some(s) = f.navigator.solution().filter(|s| s.mode != Mode::Aligning) else { continue };
         sound::check_form(&s, "with landmarks");
         if let Some((position, counter)) = last.replace((s.position_ned, s.reset_counter))
-            && s.carrier == Carrier::Landmarks
+            && s.velocity_source == VelocitySource::Landmarks
         {
             let moved: Vector3<f64> = s.position_ned - position;
             let beyond = (moved - s.velocity_ned * 0.01).xy().norm();
@@ -200,7 +202,7 @@ fn fly(
             f.error_m = f.error_m.max(error);
             f.over_sigma = f.over_sigma.max(error / s.horizontal_sigma_m());
             f.sigma_m = s.horizontal_sigma_m();
-            f.on_landmarks_s += if s.carrier == Carrier::Landmarks { 0.01 } else { 0.0 };
+            f.on_landmarks_s += if s.velocity_source == VelocitySource::Landmarks { 0.01 } else { 0.0 };
             let turn = s.r_body_to_ned * step.truth.r_body_to_ned.transpose();
             f.yaw_error = turn[(1, 0)].atan2(turn[(0, 0)]).abs();
         }
@@ -217,7 +219,8 @@ fn landmarks_take_the_drift_out() {
     let with = fly(Some(surveyed()), &[], unchanged);
     with.assert_carried(0.3);
     assert!(
-        with.told(|w| *w == What::LandmarksFound) && with.told(|w| *w == What::Carried(Carrier::Landmarks))
+        with.told(|w| *w == EventKind::LandmarksFound)
+            && with.told(|w| *w == EventKind::Carried(VelocitySource::Landmarks))
     );
     assert!(with.sigma_m < 0.3 && with.yaw_error < 0.02, "{} m, {} rad", with.sigma_m, with.yaw_error);
     assert_eq!(with.resets, 0);
@@ -244,7 +247,11 @@ fn landmarks_that_come_into_view_late_take_a_long_drift_out_without_a_jump() {
     // A way that has to be a jump is announced.
     let far = fly(Some(surveyed()), &[&blind[..], &["rejoin.jump_m=10"]].concat(), late);
     assert!(far.error_m > 20.0 && far.sigma_m < 0.3 && far.over_sigma < 4.0, "{:?}", worst(&far));
-    assert!(far.resets == 1 && far.told(|w| matches!(w, What::Reset(m) if *m > 10.0)), "{:?}", far.events);
+    assert!(
+        far.resets == 1 && far.told(|w| matches!(w, EventKind::Reset(m) if *m > 10.0)),
+        "{:?}",
+        far.events
+    );
     assert!(far.step_m < 0.12, "{:?}", worst(&far));
     // Otherwise it glides, a centimetre a step.
     let glides = fly(Some(surveyed()), &blind, late);
@@ -253,7 +260,7 @@ fn landmarks_that_come_into_view_late_take_a_long_drift_out_without_a_jump() {
     // And where it was too much for Holdover, landmarks bring it back.
     let lost = fly(Some(surveyed()), &[&blind[..3], &["holdover.max_sigma_m=20"]].concat(), late);
     assert_eq!((lost.navigator.mode(), lost.sigma_m < 0.3), (Mode::Holdover, true), "{:?}", lost.events);
-    assert!(lost.told(|w| matches!(w, What::Mode { to: Mode::Lost, .. })));
+    assert!(lost.told(|w| matches!(w, EventKind::Mode { to: Mode::Lost, .. })));
 }
 
 #[test]
@@ -280,7 +287,7 @@ fn a_frame_of_its_own_is_found_while_gnss_is_good() {
     // As good as GNSS is, which wanders by a metre and placed it.
     f.assert_carried(3.0);
     let heading = f.events.iter().find_map(|(_, w)| match w {
-        What::LandmarkFrame(heading, sigma) => Some((*heading, *sigma)),
+        EventKind::LandmarkFrame(heading, sigma) => Some((*heading, *sigma)),
         _ => None,
     });
     let (heading, sigma) = heading.expect("the frame was aligned");
@@ -298,7 +305,7 @@ fn sightings_that_overtake_the_inertial_stream_wait_for_it() {
     // Without that delay they are wrong by as much, wait, and are counted when they are used.
     let f = fly(Some(surveyed()), &[], ahead);
     let heard: u64 = field().steps.iter().map(|s| s.seen.len() as u64).sum();
-    let tally = f.navigator.tally();
+    let tally = f.navigator.statuses();
     let rejected: u64 = tally.rejected(SampleKind::Landmark).map(|(_, n)| n).sum();
     assert!(heard - rejected - tally.used(SampleKind::Landmark) < 40, "none is lost");
     assert!(tally.used(SampleKind::Landmark) > heard / 2);
@@ -365,12 +372,12 @@ fn swapped_ids_and_a_misplaced_landmark_are_told_and_left_out() {
         out.push(LandmarkSample { id, ..s });
     });
     swapped.assert_carried(0.5);
-    assert!(swapped.told(|w| matches!(w, What::LandmarkContradicts(id) if [a, b].contains(id))));
+    assert!(swapped.told(|w| matches!(w, EventKind::LandmarkContradicts(id) if [a, b].contains(id))));
     let wrong =
         |(id, p): &(u8, Vector3<f64>)| (*id, if *id == a { p + Vector3::new(4.0, -3.0, 0.0) } else { *p });
     let misplaced = fly(Some(setup(markers.iter().map(wrong))), &[], unchanged);
     misplaced.assert_carried(0.5);
-    assert!(misplaced.told(|w| *w == What::LandmarkContradicts(a)), "{:?}", misplaced.events);
+    assert!(misplaced.told(|w| *w == EventKind::LandmarkContradicts(a)), "{:?}", misplaced.events);
     // A few percent of ids are just anything.
     let mut n = 0usize;
     let noisy = fly(Some(surveyed()), &[], |_, s, out| {
@@ -390,7 +397,7 @@ fn ordered_float(v: f64) -> u64 {
 fn a_field_that_contradicts_gnss_is_told_and_never_used() {
     let moved = field().markers.iter().map(|(id, p)| (*id, p + Vector3::new(25.0, 0.0, 0.0)));
     let f = fly(Some(setup(moved)), &[], unchanged);
-    let apart = |w: &What| matches!(w, What::LandmarksApart(m) if (m - 25.0).abs() < 3.0);
+    let apart = |w: &What| matches!(w, EventKind::LandmarksApart(m) if (m - 25.0).abs() < 3.0);
     assert!(f.told(apart), "{:?}", f.events);
     assert_eq!(f.on_landmarks_s, 0.0);
     let without = fly(None, &[], unchanged);

@@ -2,8 +2,8 @@
 
 use holdover::config::{Settings, Sources};
 use holdover::navigator::Navigator;
-use holdover::navigator::nis::Measured;
-use holdover::navigator::solution::{Carrier, Mode, Solution};
+use holdover::navigator::solution::{Mode, Solution, VelocitySource};
+use holdover::navigator::sources::status::Measured;
 use holdover::sample::{Airframe, Sample, VehicleStatus};
 use holdover::sim::models::AirspeedModel;
 use holdover::sim::{Scenario, SensorSuite, Simulation};
@@ -59,15 +59,18 @@ fn airspeed_carries_a_wing_in_wind() {
     for seed in 1..=3 {
         let with = fly(scenario.clone(), suite, seed, (400.0, 520.0), &[]);
         assert_eq!(with.solution.mode, Mode::Holdover);
-        assert_eq!(with.solution.carrier, Carrier::Airspeed);
+        assert_eq!(with.solution.velocity_source, VelocitySource::Airspeed);
         assert!(with.error_m < 50.0, "seed {seed}: {} m of 3.2 km", with.error_m);
         assert!(with.error_m < 3.0 * with.solution.horizontal_sigma_m(), "seed {seed}: {}", with.error_m);
         let found = with.navigator.filter_state().unwrap().wind_ne;
         assert!((found - wind.xy()).norm() < 1.0, "seed {seed}: wind {found}");
-        assert!(with.navigator.nis().of(Measured::Airspeed).fused > 1000);
+        assert!(with.navigator.statuses().nis(Measured::Airspeed).fused > 1000);
         // Such an IMU coasts well for two minutes, but who coasts cannot know that.
         let without = fly(scenario.clone(), suite, seed, (400.0, 520.0), &["airspeed.use=false"]);
-        assert_eq!((without.solution.mode, without.solution.carrier), (Mode::Lost, Carrier::Inertial));
+        assert_eq!(
+            (without.solution.mode, without.solution.velocity_source),
+            (Mode::Lost, VelocitySource::Inertial)
+        );
         assert!(without.solution.horizontal_sigma_m() > 2.0 * with.solution.horizontal_sigma_m());
     }
 }
@@ -77,7 +80,10 @@ fn rotor_drag_carries_a_multirotor() {
     let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
     for seed in 1..=3 {
         let with = fly(Scenario::square(), suite, seed, (150.0, 270.0), &[]);
-        assert_eq!((with.solution.mode, with.solution.carrier), (Mode::Holdover, Carrier::Drag));
+        assert_eq!(
+            (with.solution.mode, with.solution.velocity_source),
+            (Mode::Holdover, VelocitySource::Drag)
+        );
         assert!(with.error_m < 20.0, "seed {seed}: {} m", with.error_m);
         let drag = with.navigator.filter_state().unwrap().drag;
         assert!((drag - 0.3).abs() < 0.06, "seed {seed}: {drag}");
@@ -88,7 +94,7 @@ fn rotor_drag_carries_a_multirotor() {
             without.error_m,
             with.error_m
         );
-        assert_ne!(without.solution.carrier, Carrier::Drag);
+        assert_ne!(without.solution.velocity_source, VelocitySource::Drag);
     }
 }
 
@@ -98,9 +104,12 @@ fn a_disarmed_vehicle_that_stands_does_not_drift() {
     let stand = Scenario::square().lasting(18.0);
     let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
     let flown = fly(stand, suite, 4, (10.0, 18.0), &[]);
-    assert_eq!((flown.solution.mode, flown.solution.carrier), (Mode::Holdover, Carrier::Standstill));
+    assert_eq!(
+        (flown.solution.mode, flown.solution.velocity_source),
+        (Mode::Holdover, VelocitySource::Standstill)
+    );
     assert!(flown.solution.velocity_ned.norm() < 0.05, "{}", flown.solution.velocity_ned);
-    assert!(flown.navigator.nis().of(Measured::Standstill).fused > 50);
+    assert!(flown.navigator.statuses().nis(Measured::Standstill).fused > 50);
 }
 
 #[test]
@@ -110,13 +119,13 @@ fn airspeed_is_not_for_multirotors_and_drag_not_for_wings() {
     let suite = SensorSuite { airspeed: Some(AirspeedModel::pitot()), ..SensorSuite::mems() };
     for airframe in [Airframe::Multirotor, Airframe::FixedWing] {
         navigator.set_status(VehicleStatus { airframe: Some(airframe), armed: Some(true) });
-        let before = [Measured::Airspeed, Measured::Drag].map(|m| navigator.nis().of(m).fused);
+        let before = [Measured::Airspeed, Measured::Drag].map(|m| navigator.statuses().nis(m).fused);
         for reading in Simulation::new(Scenario::circles(), suite, 1).take_while(|r| r.t_s < 40.0) {
             for sample in reading.samples.iter() {
                 navigator.ingest(sample);
             }
         }
-        let after = [Measured::Airspeed, Measured::Drag].map(|m| navigator.nis().of(m).fused);
+        let after = [Measured::Airspeed, Measured::Drag].map(|m| navigator.statuses().nis(m).fused);
         let wing = airframe == Airframe::FixedWing;
         assert_eq!(after[0] > before[0], wing);
         assert_eq!(after[1] > before[1], !wing);
@@ -128,8 +137,8 @@ fn airspeed_is_not_for_multirotors_and_drag_not_for_wings() {
 fn a_vehicle_that_flies_while_it_says_that_it_is_disarmed_is_not_held_to_stand() {
     let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
     let flown = fly(Scenario::square(), suite, 2, (150.0, 200.0), &[DISARMED]);
-    assert_eq!(flown.solution.carrier, Carrier::Drag);
+    assert_eq!(flown.solution.velocity_source, VelocitySource::Drag);
     // Five a second and three axes in the 20 s before take-off, some while it lifts off slowly, and none after.
-    let count = flown.navigator.nis().of(Measured::Standstill).fused;
+    let count = flown.navigator.statuses().nis(Measured::Standstill).fused;
     assert!((1..400).contains(&count), "{count}");
 }

@@ -58,7 +58,7 @@ fn fly(
         seen.look(ready, step, &true_time);
     }
     for (kind, taken) in taken {
-        let tally = seen.navigator.tally();
+        let tally = seen.navigator.statuses();
         let rejected: u64 = tally.rejected(kind).map(|(_, n)| n).sum();
         assert_eq!(tally.used(kind) + rejected, taken, "{}: {kind:?} unaccounted for", seen.name);
     }
@@ -109,7 +109,7 @@ impl Seen {
     }
 
     fn rejected(&self, kind: SampleKind, reason: Reason) -> u64 {
-        self.navigator.tally().rejected(kind).find(|(r, _)| *r == reason).map_or(0, |(_, n)| n)
+        self.navigator.statuses().rejected(kind).find(|(r, _)| *r == reason).map_or(0, |(_, n)| n)
     }
 }
 
@@ -263,7 +263,7 @@ fn a_disturbed_magnetometer_does_not_take_the_position_along() {
                 };
                 let seen = fly(&name, ready, gnss, disturbed, same_time);
                 let mag =
-                    seen.honest().navigator.tally().rejected(SampleKind::Mag).map(|(_, n)| n).sum::<u64>();
+                    seen.honest().navigator.statuses().rejected(SampleKind::Mag).map(|(_, n)| n).sum::<u64>();
                 assert!(mag > 0, "{name}: never rejected");
             }
         }

@@ -5,8 +5,8 @@ use holdover::config::{Settings, Sources};
 use holdover::geo::so3;
 use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
 use holdover::navigator::Navigator;
-use holdover::navigator::event::What;
-use holdover::navigator::solution::{Carrier, Mode, Solution};
+use holdover::navigator::event::EventKind;
+use holdover::navigator::solution::{Mode, Solution, VelocitySource};
 use holdover::sample::{
     FlowRotation, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
     RangeDirection, RangeSample, Sample,
@@ -107,10 +107,10 @@ fn fly(flight: &Flight<'_>, duration_s: f64, overrides: &[&str]) -> Log {
             }
         }
         for event in log.navigator.drain_events() {
-            if let What::Mode { to, .. } = event.what {
+            if let EventKind::Mode { to, .. } = event.kind {
                 log.modes.push((t, to));
             }
-            log.events.push((t, event.what));
+            log.events.push((t, event.kind));
         }
         if let Some(solution) = log.navigator.solution() {
             let all =
@@ -241,7 +241,7 @@ fn flow_carries_the_vehicle_through_an_outage_and_back_without_a_jump() {
     for seed in 1..5 {
         let log = fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed }, 200.0, &[]);
         assert_eq!(log.mode_at(102.0), Mode::Holdover);
-        assert_eq!(log.between(130.0, 131.0).next().unwrap().2.carrier, Carrier::Flow);
+        assert_eq!(log.between(130.0, 131.0).next().unwrap().2.velocity_source, VelocitySource::Flow);
         let distance: f64 = {
             let p: Vec<_> = log.between(100.0, 160.0).map(|(_, t, _)| t.position_ned).collect();
             p.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
@@ -275,8 +275,8 @@ fn every_estimator_holds_over_as_well_as_it_can() {
         assert!(error < bound, "{name}: {error} m");
         let sigma = log.between(159.8, 160.1).next().unwrap().2.horizontal_sigma_m();
         assert!(error < 3.0 * sigma, "{name}: {error} m with a sigma of {sigma} m");
-        let carrier = log.between(130.0, 131.0).next().unwrap().2.carrier;
-        assert_eq!(carrier == Carrier::Inertial, name == "inertial", "{name}");
+        let carrier = log.between(130.0, 131.0).next().unwrap().2.velocity_source;
+        assert_eq!(carrier == VelocitySource::Inertial, name == "inertial", "{name}");
     }
 }
 
@@ -320,7 +320,7 @@ fn without_any_velocity_it_coasts_and_is_lost() {
     let gnss = outage(100.0, 180.0, || Gnss::NoFix);
     let flight = Flight { trajectory: &trajectory, gnss: &gnss, flow: false, seed: 2 };
     let log = fly(&flight, 200.0, &["holdover.max_coast_s=20"]);
-    assert_eq!(log.between(105.0, 106.0).next().unwrap().2.carrier, Carrier::Inertial);
+    assert_eq!(log.between(105.0, 106.0).next().unwrap().2.velocity_source, VelocitySource::Inertial);
     let lost = log.modes.iter().find(|(_, m)| *m == Mode::Lost).unwrap().0;
     assert!((110.0..=122.0).contains(&lost), "{lost}");
     // The way back from Lost is a jump, and the counter says so.
@@ -397,13 +397,17 @@ fn without_magnetometer_and_flow_motion_shows_the_heading() {
     for trajectory in flights {
         for seed in 1..4 {
             let log = fly(&Flight { trajectory, gnss: &gnss, flow: false, seed }, 240.0, &NO_DIRECTION);
-            let found = |w: &What| matches!(w, What::HeadingFound(sigma) if *sigma < 0.18);
+            let found = |w: &What| matches!(w, EventKind::HeadingFound(sigma) if *sigma < 0.18);
             let (at, _) = log.events.iter().find(|(_, w)| found(w)).unwrap();
             assert!(*at < 40.0 && log.mode_at(at + 1.0) == Mode::Aided, "seed {seed}: {at} s");
             let modes: Vec<Mode> = log.modes.iter().map(|(_, m)| *m).collect();
             assert_eq!(modes, [Mode::Aided, Mode::Holdover, Mode::Rejoining, Mode::Aided], "{:?}", log.modes);
             // The observer, which sees nothing, has not interfered.
-            assert!(!log.events.iter().any(|(_, w)| matches!(w, What::FilterRestarted(_) | What::Reset(_))));
+            assert!(
+                !log.events
+                    .iter()
+                    .any(|(_, w)| matches!(w, EventKind::FilterRestarted(_) | EventKind::Reset(_)))
+            );
             for (_, truth, s) in log.between(at + 1.0, 240.0) {
                 let (error, sigma) = (heading_error(truth, s), s.attitude_variance.z.sqrt());
                 assert!(
@@ -428,7 +432,7 @@ fn without_motion_there_is_no_heading_and_it_says_so() {
     for trajectory in flights {
         let log = fly(&Flight { trajectory, gnss: &good, flow: false, seed: 8 }, 120.0, &NO_DIRECTION);
         assert!(log.modes.is_empty(), "{:?}", log.modes);
-        assert!(log.events.iter().any(|(_, w)| *w == What::HeadingSought));
+        assert!(log.events.iter().any(|(_, w)| *w == EventKind::HeadingSought));
     }
 }
 
@@ -437,7 +441,9 @@ fn a_magnetometer_is_preferred_to_motion() {
     let trajectory = Multirotor::square();
     let log = fly(&Flight { trajectory: &trajectory, gnss: &good, flow: false, seed: 1 }, 60.0, &[]);
     assert_eq!(log.mode_at(50.0), Mode::Aided);
-    assert!(!log.events.iter().any(|(_, w)| matches!(w, What::HeadingSought | What::HeadingFound(_))));
+    assert!(
+        !log.events.iter().any(|(_, w)| matches!(w, EventKind::HeadingSought | EventKind::HeadingFound(_)))
+    );
 }
 
 #[test]

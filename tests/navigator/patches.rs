@@ -4,7 +4,7 @@ use holdover::camera::{CameraMount, View, ground_point, interaction_matrix};
 use holdover::config::{Settings, Sources};
 use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
 use holdover::navigator::Navigator;
-use holdover::navigator::solution::{Carrier, Mode};
+use holdover::navigator::solution::{Mode, VelocitySource};
 use holdover::navigator::verdict::{Reason, Verdict};
 use holdover::sample::{
     FlowRotation, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
@@ -123,11 +123,11 @@ const FIXED: [&str; 2] = [PATCHES, "gnss.delay_ms=0"];
 fn stacked_patches_are_one_sensor_that_carries() {
     let flown = fly(160.0, 100.0, &FIXED, &all);
     let solution = flown.navigator.solution().unwrap();
-    assert_eq!((solution.mode, solution.carrier), (Mode::Holdover, Carrier::Flow));
+    assert_eq!((solution.mode, solution.velocity_source), (Mode::Holdover, VelocitySource::Flow));
     assert!(flown.error_m < 2.5, "{}", flown.error_m);
     let ids: Vec<u8> = flown.navigator.flow_sensors().map(|(id, ..)| id).collect();
     assert_eq!(ids, [11]);
-    let tally = flown.navigator.tally();
+    let tally = flown.navigator.statuses();
     let rejected: u64 = tally.rejected(SampleKind::Flow).map(|(_, n)| n).sum();
     assert_eq!(tally.used(SampleKind::Flow) + rejected, 4 * 1600, "every message is counted once");
 }
@@ -160,7 +160,7 @@ fn what_comes_alone_is_solved_alone_and_what_comes_late_is_told_so() {
     });
     assert!(flown.error_m < 3.0, "{}", flown.error_m);
     assert!(late.get() > 1590, "{}", late.get());
-    assert!(flown.navigator.tally().used(SampleKind::Flow) > 1000);
+    assert!(flown.navigator.statuses().used(SampleKind::Flow) > 1000);
 }
 
 #[test]
@@ -233,7 +233,7 @@ proptest! {
         });
         let solution = flown.navigator.solution().unwrap();
         prop_assert!((solution.position_ned.sum() + solution.velocity_ned.sum()).is_finite());
-        let tally = flown.navigator.tally();
+        let tally = flown.navigator.statuses();
         let counted = tally.used(SampleKind::Flow) + tally.rejected(SampleKind::Flow).map(|(_, n)| n).sum::<u64>();
         // What came last may still wait.
         prop_assert!((next.get() as u64).abs_diff(counted) <= 4, "{counted} of {}", next.get());

@@ -4,7 +4,7 @@
 
 use holdover::altimeter::atmosphere::pressure_altitude_m;
 use holdover::altimeter::{Channel, Fault};
-use holdover::navigator::event::What;
+use holdover::navigator::event::EventKind;
 use holdover::navigator::solution::{Mode, Solution};
 use holdover::pipeline::PipelineSettings;
 use holdover::replay::log::{Log, LogError};
@@ -208,19 +208,19 @@ impl Watch {
     fn note_events(&mut self) {
         let events = self.runner.events();
         for (t, event) in events.get(self.events..).unwrap_or_default() {
-            match event.what {
-                What::HeightFault { channel, fault, for_s } => self.heights.faults.push(Told {
+            match event.kind {
+                EventKind::HeightFault { channel, fault, for_s } => self.heights.faults.push(Told {
                     channel,
                     fault,
                     at_s: *t,
                     since_s: t - for_s,
                     until_s: None,
                 }),
-                What::HeightHealed(channel) => {
+                EventKind::HeightHealed(channel) => {
                     let of_channel = self.heights.faults.iter_mut().filter(|f| f.channel == channel);
                     of_channel.for_each(|f| f.until_s = f.until_s.or(Some(*t)));
                 }
-                What::HeightReset(m) => self.heights.resets.push((*t, m)),
+                EventKind::HeightReset(m) => self.heights.resets.push((*t, m)),
                 _ => (),
             }
         }

@@ -4,6 +4,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::time::AutopilotTime;
 
+use super::reset::Reset;
+
 /// One remembered instant.
 #[derive(Clone, Copy, Debug)]
 struct Past {
@@ -18,36 +20,36 @@ struct Past {
 
 /// What is remembered of an instant.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment {
+pub(super) struct Snapshot {
     /// Attitude.
-    pub r_body_to_ned: Matrix3<f64>,
+    pub(super) r_body_to_ned: Matrix3<f64>,
     /// Rotation since the last instant, body axes, rad.
-    pub turned: Vector3<f64>,
+    pub(super) turned: Vector3<f64>,
     /// Acceleration, NED, m/s².
-    pub acceleration_ned: Vector3<f64>,
+    pub(super) acceleration_ned: Vector3<f64>,
     /// Estimated position, NED, m.
-    pub position_ned: Vector3<f64>,
+    pub(super) position_ned: Vector3<f64>,
     /// Estimated velocity, NED, m/s.
-    pub velocity_ned: Vector3<f64>,
+    pub(super) velocity_ned: Vector3<f64>,
 }
 
 /// Corrections are carried back this far, s: no measurement is later.
-pub const CORRECTED_S: f64 = 0.6;
+pub(super) const CORRECTED_S: f64 = 0.6;
 
 /// A stamp may lie this far ahead of the newest instant, s.
 const AHEAD_S: f64 = 0.05;
 
 /// A ring of remembered instants; nothing is allocated after construction.
 #[derive(Clone, Debug)]
-pub struct History {
+pub(super) struct Timeline {
     ring: Vec<Past>,
     next: usize,
     len: usize,
 }
 
-impl History {
+impl Timeline {
     /// Remembers `capacity` IMU samples (512 are 2 s at 250 Hz).
-    pub fn new(capacity: usize) -> Self {
+    pub(super) fn new(capacity: usize) -> Self {
         let zero = Vector3::zeros();
         let empty = Past {
             time: AutopilotTime::from_micros(0),
@@ -60,14 +62,14 @@ impl History {
         Self { ring: vec![empty; capacity.max(2)], next: 0, len: 0 }
     }
 
-    /// Forgets all.
-    pub fn clear(&mut self) {
+    /// Whatever breaks the motion, or sets it anew, makes what is remembered another's.
+    pub(super) fn reset(&mut self, _: &Reset) {
         self.len = 0;
         self.next = 0;
     }
 
     /// Adds the newest instant.
-    pub fn push(&mut self, time: AutopilotTime, i: &Moment) {
+    pub(super) fn push(&mut self, time: AutopilotTime, i: &Snapshot) {
         let turned_body = self.back(0).map_or(i.turned, |last| last.turned_body + i.turned);
         self.ring[self.next] = Past {
             time,
@@ -83,7 +85,7 @@ impl History {
 
     /// Position and velocity at `time`, linearly between two instants, and a little beyond the newest: stamps of other sensors may
     /// lie ahead of the IMU's by some samples.
-    pub fn motion(&self, time: AutopilotTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    pub(super) fn motion(&self, time: AutopilotTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let newest = self.back(0)?;
         let ahead = time.seconds_since(newest.time);
         if ahead > 0.0 {
@@ -102,7 +104,12 @@ impl History {
 
     /// The estimate was corrected at `now`: the remembered past is moved likewise, as the free motion p − v·(now − t), so that the next
     /// late measurement is not charged for the same error again.
-    pub fn correct(&mut self, now: AutopilotTime, position_ned: &Vector3<f64>, velocity_ned: &Vector3<f64>) {
+    pub(super) fn correct(
+        &mut self,
+        now: AutopilotTime,
+        position_ned: &Vector3<f64>,
+        velocity_ned: &Vector3<f64>,
+    ) {
         for n in 0..self.len {
             let at = (self.next + self.ring.len() - 1 - n) % self.ring.len();
             let past = &mut self.ring[at];
@@ -137,12 +144,12 @@ impl History {
     }
 
     /// The acceleration at `time` (the nearest remembered one), NED, m/s².
-    pub fn acceleration(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
+    pub(super) fn acceleration(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
         Some(self.nearest(time)?.acceleration_ned)
     }
 
     /// The attitude at `time` (the nearest remembered one); `None` beyond what is remembered.
-    pub fn attitude(&self, time: AutopilotTime) -> Option<Matrix3<f64>> {
+    pub(super) fn attitude(&self, time: AutopilotTime) -> Option<Matrix3<f64>> {
         Some(self.nearest(time)?.r_body_to_ned)
     }
 
@@ -152,7 +159,7 @@ impl History {
     }
 
     /// The mean angular rate of the body between two times, rad/s; `None` beyond what is remembered.
-    pub fn mean_rate(&self, from: AutopilotTime, to: AutopilotTime) -> Option<Vector3<f64>> {
+    pub(super) fn mean_rate(&self, from: AutopilotTime, to: AutopilotTime) -> Option<Vector3<f64>> {
         let dt = to.seconds_since(from);
         if dt <= 0.0 {
             let (earlier, later) = self.around(to)?;
@@ -177,11 +184,11 @@ mod tests {
 
     #[test]
     fn rates_and_attitudes_of_the_past_come_back() {
-        let mut h = History::new(64);
+        let mut h = Timeline::new(64);
         for k in 0..200i64 {
             let t = k as f64 * 0.01;
             let r = so3::exp(&Vector3::new(0.0, 0.0, t));
-            let instant = Moment {
+            let instant = Snapshot {
                 r_body_to_ned: r,
                 turned: Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 }),
                 acceleration_ned: Vector3::new(t, 0.0, 0.0),

@@ -13,10 +13,12 @@ use nalgebra::{Vector2, Vector3};
 use crate::sample::{Airframe, ImuSample};
 use crate::time::AutopilotTime;
 
-use super::Navigator;
-use super::nis::Measured;
-use super::settings::Estimator;
-use super::solution::{Carrier, Mode};
+use super::super::context::{Context, SourceFacts};
+use super::super::estimator::Estimator as EstimatorStack;
+use super::super::observation::{Fused, Observation};
+use super::super::reset::Reset;
+use super::super::settings::Estimator;
+use super::super::solution::{Mode, VelocitySource};
 
 /// The force is averaged over this long, s.
 const PERIOD_S: f64 = 0.1;
@@ -46,7 +48,7 @@ pub struct DragSettings {
 
 /// What is wrong with the force for some time.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct DragError {
+struct DragError {
     /// Mean innovation of late, m/s².
     mean: Vector2<f64>,
     /// Its mean square an axis, m²/s⁴.
@@ -54,7 +56,7 @@ pub(super) struct DragError {
 }
 
 impl DragError {
-    pub(super) fn new(settings: &DragSettings) -> Self {
+    fn new(settings: &DragSettings) -> Self {
         Self { mean: Vector2::zeros(), spread: settings.lasting_mps2.powi(2) }
     }
 
@@ -74,62 +76,96 @@ impl DragError {
 
 /// The mean force and velocity through the air since the last use.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct DragMean {
+struct DragMean {
     seconds: f64,
     force: Vector2<f64>,
     air: Vector3<f64>,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct DragSource {
+    mean: DragMean,
+    error: DragError,
     used: Option<AutopilotTime>,
 }
 
-impl Navigator {
-    /// Takes an IMU sample over `dt` s.
-    pub(super) fn feel_drag(&mut self, s: &ImuSample, dt: f64) {
-        let coasting = self.settings.estimator == Estimator::Inertial && self.modes.dead_reckoning();
-        if !self.settings.drag.enabled
-            || coasting
-            || self.settings.estimator == Estimator::Ekf15
-            || self.status.airframe != Some(Airframe::Multirotor)
-            || self.resting()
-            || self.disarmed()
-        {
-            self.drag = DragMean::default();
-            return;
-        }
-        let Some(kalman) = &mut self.kalman else { return };
-        let mean = &mut self.drag;
-        mean.seconds += dt;
-        mean.force += s.specific_force_body.xy() * dt;
-        mean.air += kalman.filter.state().air_velocity_body() * dt;
-        if mean.seconds < PERIOD_S {
-            return;
-        }
-        let (force, air, seconds) = (mean.force / mean.seconds, mean.air / mean.seconds, mean.seconds);
-        *mean = DragMean { used: mean.used, ..DragMean::default() };
-        // A flow that carries knows the velocity better than gusts let the drag know it.
-        if self.modes.dead_reckoning() && self.carrier == Carrier::Flow {
-            return;
-        }
-        if self.modes.mode() == Mode::Aided {
-            self.drag_error.learn(&kalman.filter.drag_innovation(&force, &air), seconds);
-        }
-        let sigma = self.drag_error.sigma(self.settings.drag.sigma_mps2, seconds);
-        match kalman.filter.fuse_drag(&force, &air, sigma) {
-            Ok(corrections) => {
-                let known = kalman.filter.state().drag > LEAST_DRAG.max(KNOWN * kalman.filter.drag_sigma());
-                self.drag.used = known.then_some(s.time);
-                for c in &corrections {
-                    self.nis.fused(Measured::Drag, c.nis);
-                }
-                self.carry_back(s.time, corrections.iter());
-            }
-            Err(_) => self.nis.gated(Measured::Drag),
-        }
+impl DragSource {
+    pub(super) fn new(settings: &DragSettings) -> Self {
+        Self { mean: DragMean::default(), error: DragError::new(settings), used: None }
     }
 
-    /// Whether the drag carries the velocity at present.
-    pub(super) fn carried_by_drag(&self, now: AutopilotTime) -> bool {
-        self.drag.used.is_some_and(|t| now.seconds_since(t) < AGE_S)
+    /// When it last corrected the velocity.
+    pub(super) fn used(&self) -> Option<AutopilotTime> {
+        self.used
     }
+
+    /// Takes an IMU sample over `dt` s; an observation every so often.
+    pub(in super::super) fn observe(
+        &mut self,
+        s: &ImuSample,
+        dt: f64,
+        context: &Context<'_>,
+    ) -> Option<Observation> {
+        let core = context.core;
+        if !core.settings.drag.enabled
+            || core.coasts()
+            || core.settings.estimator == Estimator::Ekf15
+            || !core.vehicle.is(Airframe::Multirotor)
+            || context.facts.resting
+            || core.vehicle.disarmed()
+        {
+            self.forget();
+            return None;
+        }
+        let state = core.estimator.filter_state()?;
+        let mean = &mut self.mean;
+        mean.seconds += dt;
+        mean.force += s.specific_force_body.xy() * dt;
+        mean.air += state.air_velocity_body() * dt;
+        if mean.seconds < PERIOD_S {
+            return None;
+        }
+        let (force_xy, air_body, seconds) =
+            (mean.force / mean.seconds, mean.air / mean.seconds, mean.seconds);
+        *mean = DragMean::default();
+        // A flow that carries knows the velocity better than gusts let the drag know it.
+        if core.dead_reckoning() && core.outage.source() == VelocitySource::Flow {
+            return None;
+        }
+        if core.mode == Mode::Aided
+            && let Some(innovation) = core.estimator.drag_innovation(&force_xy, &air_body)
+        {
+            self.error.learn(&innovation, seconds);
+        }
+        let sigma_mps2 = self.error.sigma(core.settings.drag.sigma_mps2, seconds);
+        Some(Observation::Drag { force_xy, air_body, sigma_mps2 })
+    }
+
+    /// What became of an observation.
+    pub(in super::super) fn fused(&mut self, now: AutopilotTime, fused: &Fused, estimator: &EstimatorStack) {
+        if !fused.taken() {
+            return;
+        }
+        let drag = estimator.filter_state().map(|s| s.drag).zip(estimator.drag_sigma());
+        let known = drag.is_some_and(|(drag, sigma)| drag > LEAST_DRAG.max(KNOWN * sigma));
+        self.used = known.then_some(now);
+    }
+
+    fn forget(&mut self) {
+        (self.mean, self.used) = (DragMean::default(), None);
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        if reset.breaks_motion() {
+            self.forget();
+        }
+    }
+}
+
+/// Whether the drag carries the velocity at present.
+pub(in super::super) fn carries(facts: &SourceFacts, now: AutopilotTime) -> bool {
+    facts.drag_used.is_some_and(|t| now.seconds_since(t) < AGE_S)
 }
 
 #[cfg(test)]

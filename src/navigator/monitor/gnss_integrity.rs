@@ -10,6 +10,8 @@ use nalgebra::Vector2;
 use crate::sample::{GnssFix, GnssSample};
 use crate::time::AutopilotTime;
 
+use super::super::reset::Reset;
+
 /// Limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrustSettings {
@@ -143,7 +145,7 @@ struct Track {
 
 /// Judges one receiver.
 #[derive(Clone, Debug)]
-pub struct GnssTrust {
+pub struct GnssIntegrity {
     settings: TrustSettings,
     state: GnssState,
     last_good: Option<AutopilotTime>,
@@ -167,7 +169,7 @@ const TRACK_HOLE_S: f64 = 1.0;
 /// Gain of the running mean squares: some 50 fixes.
 const NORMAL_GAIN: f64 = 0.02;
 
-impl GnssTrust {
+impl GnssIntegrity {
     /// Nothing heard yet.
     pub fn new(settings: TrustSettings) -> Self {
         Self {
@@ -323,6 +325,15 @@ impl GnssTrust {
         self.height_faulty = faulty;
     }
 
+    pub(in super::super) fn reset(&mut self, reset: &Reset) {
+        match reset {
+            Reset::OriginMoved(_) => self.forget_track(),
+            Reset::Reboot => self.height_fault(false),
+            Reset::ClockSetBack => *self = Self::new(self.settings),
+            Reset::Relocated | Reset::Bridged | Reset::StreamBroken => {}
+        }
+    }
+
     /// Forgets the track: what comes is not comparable with it (another receiver).
     pub fn forget_track(&mut self) {
         self.track.clear();
@@ -431,8 +442,8 @@ mod tests {
         })
     }
 
-    fn trusted_after(seconds: f64) -> GnssTrust {
-        let mut t = GnssTrust::new(settings());
+    fn trusted_after(seconds: f64) -> GnssIntegrity {
+        let mut t = GnssIntegrity::new(settings());
         let mut time = 0.0;
         while time < seconds {
             let v = Vector2::new(3.0, 0.0);
@@ -506,7 +517,7 @@ mod tests {
 
     #[test]
     fn a_fix_has_to_be_one() {
-        let t = GnssTrust::new(settings());
+        let t = GnssIntegrity::new(settings());
         let mut fix = GnssSample {
             time: at(0.0),
             receiver: 0,

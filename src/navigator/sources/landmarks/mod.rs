@@ -1,10 +1,10 @@
 //! Known landmarks in the navigator: the filter of [`crate::landmark`] is carried by the navigator's own motion and fed with sightings;
-//! `fix` says what its pose is used for.
+//! `pose` says when its pose is believed.
 //!
 //! The pose is judged by the landmarks alone: the filter takes velocity, rate and tilt from the navigator, never its position. So an error
 //! of the position is not fed back into what is to correct it.
 
-mod fix;
+mod pose;
 mod relation;
 mod setup;
 
@@ -17,13 +17,16 @@ use crate::landmark::{
     BodyMotion, LandmarkFilter, LandmarkMap, LandmarkSighting, MotionVerdict, PoseGuess, Seen,
     SightingVerdict,
 };
-use crate::sample::{LandmarkSample, SampleKind, Sighting};
+use crate::sample::{LandmarkSample, Sighting};
 use crate::time::{AutopilotTime, Span};
 
-use super::Navigator;
-use super::solution::Mode;
-use super::verdict::{Reason, Tally, Verdict};
-use fix::Standing;
+use super::super::context::Context;
+use super::super::reset::Reset;
+use super::super::solution::Mode;
+use super::super::verdict::{Reason, Verdict};
+use super::status::SourceHealth;
+use pose::PoseStanding;
+pub(in super::super) use pose::{LandmarkFix, PERIOD_S, PoseNews};
 use relation::Relation;
 pub use setup::{LandmarkCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 
@@ -51,7 +54,7 @@ struct Moved {
 
 /// The landmarks and what is known of them.
 #[derive(Clone, Debug)]
-pub(super) struct LandmarkSense {
+pub(in super::super) struct LandmarkSource {
     setup: Arc<LandmarkSetup>,
     filter: Option<LandmarkFilter>,
     moved: Moved,
@@ -59,12 +62,12 @@ pub(super) struct LandmarkSense {
     /// The newest sighting of a landmark that is known, and the newest that was used.
     seen_at: Option<AutopilotTime>,
     used_at: Option<AutopilotTime>,
-    standing: Standing,
+    standing: PoseStanding,
     relation: Relation,
 }
 
-impl LandmarkSense {
-    pub(super) fn new(setup: Arc<LandmarkSetup>) -> Self {
+impl LandmarkSource {
+    pub(in super::super) fn new(setup: Arc<LandmarkSetup>) -> Self {
         Self {
             setup,
             filter: None,
@@ -72,26 +75,45 @@ impl LandmarkSense {
             held: VecDeque::with_capacity(HELD),
             seen_at: None,
             used_at: None,
-            standing: Standing::default(),
+            standing: PoseStanding::default(),
             relation: Relation::default(),
         }
     }
 
     /// What carried the filter is broken: it begins anew. How the landmarks' frame lies stays known.
-    pub(super) fn interrupt(&mut self) {
+    fn interrupt(&mut self) {
         self.filter = None;
         self.moved = Moved::default();
         self.held.clear();
         (self.seen_at, self.used_at) = (None, None);
-        self.standing = Standing::default();
+        self.standing = PoseStanding::default();
     }
 
-    /// NED's origin has moved: surveyed landmarks have other coordinates now.
-    pub(super) fn origin_moved(&mut self, moved_ned: &Vector3<f64>) {
-        match self.setup.frame {
-            LandmarkFrame::Surveyed => self.interrupt(),
-            LandmarkFrame::Local => self.relation.origin_moved(moved_ned),
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        match reset {
+            // Surveyed landmarks have other coordinates now.
+            Reset::OriginMoved(moved) => match self.setup.frame {
+                LandmarkFrame::Surveyed => self.interrupt(),
+                LandmarkFrame::Local => self.relation.origin_moved(moved),
+            },
+            Reset::StreamBroken | Reset::Reboot | Reset::ClockSetBack => self.interrupt(),
+            Reset::Relocated | Reset::Bridged => {}
         }
+    }
+
+    /// The settings of the landmarks' filter.
+    pub(in super::super) fn setup(&self) -> &LandmarkSetup {
+        &self.setup
+    }
+
+    /// What is known against the landmarks.
+    pub(super) fn health(&self) -> SourceHealth {
+        if self.standing.contradicts_gnss() { SourceHealth::Suspect } else { SourceHealth::Healthy }
+    }
+
+    /// The newest fix in this outage, and what the survey is wrong by, 1 sigma, m.
+    pub(super) fn fix(&self) -> Option<(AutopilotTime, f64)> {
+        self.standing.fix()
     }
 
     /// Gives the filter a sighting.
@@ -119,26 +141,24 @@ impl LandmarkSense {
         Verdict::Rejected(reason)
     }
 
-    /// Gives the filter the sightings that had overtaken the motion, as far as that has come.
-    fn give_held(&mut self, tally: &mut Tally) {
+    /// Gives the filter the sightings that had overtaken the motion, as far as that has come; `count` hears what became of each.
+    fn give_held(&mut self, count: &mut impl FnMut(u8, AutopilotTime, Verdict)) {
         let Some(now) = self.filter.as_ref().map(LandmarkFilter::time) else { return };
         for _ in 0..self.held.len() {
             match self.held.pop_front() {
                 Some(s) if s.time > now => self.held.push_back(s),
                 Some(s) => {
+                    let component = self.setup.cameras.get(usize::from(s.camera)).map_or(0, |c| c.component);
                     let verdict = self.give(s);
-                    tally.count(SampleKind::Landmark, verdict);
+                    count(component, s.time, verdict);
                 }
                 None => return,
             }
         }
     }
-}
 
-impl Navigator {
-    pub(super) fn landmark(&mut self, s: &LandmarkSample) -> Verdict {
-        let Some(sense) = &self.landmarks else { return Verdict::Rejected(Reason::NotUsed) };
-        let Some((camera, delay_s)) = sense.setup.camera(s.camera) else {
+    pub(in super::super) fn observe(&mut self, s: &LandmarkSample, context: &Context<'_>) -> Verdict {
+        let Some((camera, delay_s)) = self.setup.camera(s.camera) else {
             return Verdict::Rejected(Reason::UnknownCamera);
         };
         let time = s.time - Span::from_seconds(delay_s);
@@ -146,78 +166,80 @@ impl Navigator {
             Sighting::Bearing { angle_xy, distance_m } => Seen::Angles { angle_xy, distance_m },
             Sighting::Body(p) => Seen::InBody(p),
         };
-        let Some(filter) = &sense.filter else { return Verdict::Rejected(Reason::NoReferenceYet) };
-        let blind = sense.seen_at.is_none_or(|t| filter.time().seconds_since(t) > BLIND_S);
+        let Some(filter) = &self.filter else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        let blind = self.seen_at.is_none_or(|t| filter.time().seconds_since(t) > BLIND_S);
         if filter.map().get(s.id).is_none() {
             return Verdict::Rejected(Reason::UnknownLandmark);
         }
-        let guess = if blind { self.landmark_guess(filter.map()) } else { None };
-        let Some(sense) = &mut self.landmarks else { return Verdict::Rejected(Reason::NotUsed) };
-        if let (Some(guess), Some(filter)) = (guess, &mut sense.filter) {
+        let guess = if blind { self.guess(filter.map(), context) } else { None };
+        if let (Some(guess), Some(filter)) = (guess, &mut self.filter) {
             filter.restart(&guess);
         }
-        let newest = sense.filter.as_ref().map(LandmarkFilter::time);
-        sense.seen_at = sense.seen_at.max(newest);
-        sense.give(LandmarkSighting { time, camera, id: s.id, seen })
+        let newest = self.filter.as_ref().map(LandmarkFilter::time);
+        self.seen_at = self.seen_at.max(newest);
+        self.give(LandmarkSighting { time, camera, id: s.id, seen })
     }
 
-    /// One IMU sample: the filter is carried on.
-    pub(super) fn feel_landmarks(&mut self, now: AutopilotTime, dt: f64) {
-        if self.landmarks.is_none() || self.modes.mode() == Mode::Aligning {
-            return;
+    /// One IMU sample over `dt` s: the filter is carried on. True when it has moved and may be looked at; `count` hears what became of
+    /// sightings that had waited.
+    pub(in super::super) fn carry_on(
+        &mut self,
+        now: AutopilotTime,
+        dt: f64,
+        context: &Context<'_>,
+        mut count: impl FnMut(u8, AutopilotTime, Verdict),
+    ) -> bool {
+        let core = context.core;
+        if core.mode == Mode::Aligning {
+            return false;
         }
-        let Some((_, velocity_ned)) = self.estimate() else { return };
-        let velocity_body = self.r_body_to_ned.tr_mul(&velocity_ned);
-        let rate = self.angular_rate_body;
-        let down: Vector3<f64> = self.r_body_to_ned.row(2).transpose();
-        let Some(sense) = &mut self.landmarks else { return };
-        if sense.filter.is_none() {
-            self.start_landmarks(now);
-            return;
-        }
-        let Some(filter) = &mut sense.filter else { return };
-        let moved = &mut sense.moved;
+        let Some((_, velocity_ned)) = core.estimator.estimate() else { return false };
+        let r = &core.attitude.r_body_to_ned;
+        let Some(filter) = &mut self.filter else {
+            self.start(now, context);
+            return false;
+        };
+        let moved = &mut self.moved;
         moved.dt_s += dt;
-        moved.way_body += velocity_body * dt;
-        moved.turn_body += rate * dt;
+        moved.way_body += r.tr_mul(&velocity_ned) * dt;
+        moved.turn_body += core.attitude.angular_rate_body * dt;
         if moved.dt_s < PUSH_S {
-            return;
+            return false;
         }
         let motion = BodyMotion {
             velocity_body: moved.way_body / moved.dt_s,
             angular_rate_body: moved.turn_body / moved.dt_s,
         };
         *moved = Moved::default();
+        let down: Vector3<f64> = r.row(2).transpose();
         if filter.push(now, &motion, Some(&down)) == MotionVerdict::OutOfOrder {
-            return sense.interrupt();
+            self.interrupt();
+            return false;
         }
-        sense.give_held(&mut self.tally);
-        self.judge_landmarks(now);
+        self.give_held(&mut count);
+        true
     }
 
-    fn start_landmarks(&mut self, now: AutopilotTime) {
-        let (Some(sense), Some(place)) = (&self.landmarks, &self.place) else { return };
-        let Ok(map) = sense.setup.map(&place.frame) else { return };
-        let Some(guess) = self.landmark_guess(&map) else { return };
-        let setup = &sense.setup;
-        let filter = LandmarkFilter::new(setup.filter, map, setup.mounts(), now, &guess);
-        if let Some(sense) = &mut self.landmarks {
-            sense.filter = Some(filter);
-        }
+    fn start(&mut self, now: AutopilotTime, context: &Context<'_>) {
+        let Some(environment) = context.core.surroundings.environment() else { return };
+        let Ok(map) = self.setup.map(&environment.frame) else { return };
+        let Some(guess) = self.guess(&map, context) else { return };
+        let filter = LandmarkFilter::new(self.setup.filter, map, self.setup.mounts(), now, &guess);
+        self.filter = Some(filter);
     }
 
     /// Where the navigator believes to be in the landmarks' frame.
-    fn landmark_guess(&self, map: &LandmarkMap) -> Option<PoseGuess> {
-        let sense = self.landmarks.as_ref()?;
-        let (p, _) = self.estimate()?;
-        let (covariance, _) = self.covariances();
+    fn guess(&self, map: &LandmarkMap, context: &Context<'_>) -> Option<PoseGuess> {
+        let (core, facts) = (context.core, &context.facts);
+        let (p, _) = core.estimator.estimate()?;
+        let (covariance, _) = core.covariances(facts);
         let sigma = covariance.diagonal().max().max(0.0).sqrt().max(GUESS_M);
-        let attitude_sigma_rad = self.attitude_variance().max().max(0.0).sqrt().max(GUESS_RAD);
-        let r = self.r_body_to_ned;
+        let attitude_sigma_rad = core.attitude_variance(facts).max().max(0.0).sqrt().max(GUESS_RAD);
+        let r = core.attitude.r_body_to_ned;
         let at = |(position_ned, r_body_to_ned): (Vector3<f64>, Matrix3<f64>), position_sigma_m: f64| {
             PoseGuess { position_ned, r_body_to_ned, position_sigma_m, attitude_sigma_rad }
         };
-        Some(match (sense.setup.frame, sense.relation.known()) {
+        Some(match (self.setup.frame, self.relation.known()) {
             (LandmarkFrame::Surveyed, _) => at((p, r), sigma),
             (LandmarkFrame::Local, Some(known)) => at(known.to_local(&p, &r), sigma.hypot(known.sigma_m(&p))),
             (LandmarkFrame::Local, None) => PoseGuess {

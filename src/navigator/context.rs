@@ -1,0 +1,52 @@
+//! What a source may know of everything else.
+
+use nalgebra::Vector3;
+
+use crate::time::AutopilotTime;
+
+use super::core::Core;
+
+/// What the sources know, for each other and for the estimator.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SourceFacts {
+    /// The newest magnetic field, body, T.
+    pub(super) magnetic: Option<(AutopilotTime, Vector3<f64>)>,
+    /// The newest flow velocity with its systematic errors taken out, body, m/s.
+    pub(super) flow_velocity: Option<(AutopilotTime, Vector3<f64>)>,
+    /// Whether some flow sensor is trusted.
+    pub(super) flow_trusted: bool,
+    /// The newest distance to the ground along body z that can be believed, m.
+    pub(super) range: Option<(AutopilotTime, f64)>,
+    /// Height of the ground above the origin, m.
+    pub(super) ground_m: Option<f64>,
+    /// The vehicle stands.
+    pub(super) resting: bool,
+    /// When airspeed, and rotor drag, last corrected the velocity.
+    pub(super) airspeed_used: Option<AutopilotTime>,
+    pub(super) drag_used: Option<AutopilotTime>,
+    /// What the receiver's position is wrong by for minutes, 1 sigma, m.
+    pub(super) gnss_sigma_m: f64,
+    /// Standard deviation of its latency, s.
+    pub(super) gnss_latency_sigma_s: f64,
+    /// The newest fix by landmarks in this outage, and what they were surveyed wrong by, 1 sigma, m.
+    pub(super) landmark_fix: Option<(AutopilotTime, f64)>,
+}
+
+/// What a source reads when it observes. It changes nothing.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Context<'a> {
+    pub(super) core: &'a Core,
+    pub(super) facts: SourceFacts,
+}
+
+impl Context<'_> {
+    /// The newest IMU stamp.
+    pub(super) fn now(&self) -> Option<AutopilotTime> {
+        self.core.stream.newest()
+    }
+
+    /// Whether a sample of this time comes too late for the present.
+    pub(super) fn is_late(&self, time: AutopilotTime, most_s: f64) -> bool {
+        self.now().is_some_and(|now| now.seconds_since(time) > most_s)
+    }
+}

@@ -1,0 +1,95 @@
+//! The local frame and what belongs to the place: gravity, the Earth's rate, and its magnetic field.
+
+use nalgebra::Vector3;
+
+use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
+
+/// The year whose magnetic field is taken while no clock has told the date.
+const DEFAULT_YEAR: f64 = 2026.0;
+/// A date that is off by less changes no field, years.
+const YEAR_TOLERANCE: f64 = 0.02;
+/// An origin further from the vehicle's first place than this is a damaged or hostile message, m.
+const FARTHEST_ORIGIN_M: f64 = 100_000.0;
+
+/// A place, as far as navigation is concerned.
+#[derive(Clone, Debug)]
+pub(super) struct LocalEnvironment {
+    pub(super) frame: LocalNed,
+    /// m/s².
+    pub(super) gravity_ned: Vector3<f64>,
+    /// rad/s.
+    pub(super) earth_rate_ned: Vector3<f64>,
+    /// T; `None` where the model has none.
+    pub(super) field_ned: Option<Vector3<f64>>,
+}
+
+impl LocalEnvironment {
+    fn at(origin: Geodetic, decimal_year: f64) -> Self {
+        Self {
+            frame: LocalNed::new(origin),
+            gravity_ned: gravity_ned(origin.latitude_rad, origin.height_m),
+            earth_rate_ned: earth_rate_ned(origin.latitude_rad),
+            field_ned: magnetic_field(&origin, decimal_year).ok().map(|f| f.field_ned_t),
+        }
+    }
+}
+
+/// The environment, once there is a place, and the date.
+#[derive(Clone, Debug)]
+pub(super) struct Surroundings {
+    environment: Option<LocalEnvironment>,
+    decimal_year: f64,
+}
+
+/// What a new origin means.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum OriginVerdict {
+    /// It is no place, or too far away to be one.
+    Implausible,
+    /// It is where it was.
+    Known,
+    /// It is the first.
+    First,
+    /// It lies elsewhere: by this, NED, m.
+    Moved(Vector3<f64>),
+}
+
+impl Surroundings {
+    pub(super) fn new() -> Self {
+        Self { environment: None, decimal_year: DEFAULT_YEAR }
+    }
+
+    pub(super) fn environment(&self) -> Option<&LocalEnvironment> {
+        self.environment.as_ref()
+    }
+
+    /// What `origin` would change.
+    pub(super) fn judge(&self, origin: &Geodetic) -> OriginVerdict {
+        if !origin.is_plausible() {
+            return OriginVerdict::Implausible;
+        }
+        match &self.environment {
+            None => OriginVerdict::First,
+            Some(e) if e.frame.origin() == *origin => OriginVerdict::Known,
+            Some(e) => match e.frame.to_ned(origin) {
+                moved if moved.norm() > FARTHEST_ORIGIN_M => OriginVerdict::Implausible,
+                moved => OriginVerdict::Moved(moved),
+            },
+        }
+    }
+
+    /// Takes a place as the frame's origin.
+    pub(super) fn settle(&mut self, origin: Geodetic) {
+        self.environment = Some(LocalEnvironment::at(origin, self.decimal_year));
+    }
+
+    /// The date, as decimal year.
+    pub(super) fn set_date(&mut self, decimal_year: f64) {
+        if (decimal_year - self.decimal_year).abs() > YEAR_TOLERANCE && decimal_year.is_finite() {
+            self.decimal_year = decimal_year;
+            if let Some(origin) = self.environment.as_ref().map(|e| e.frame.origin()) {
+                self.settle(origin);
+            }
+        }
+    }
+}

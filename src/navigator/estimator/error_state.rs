@@ -1,0 +1,332 @@
+//! The stage that flies: the error-state filter, started by the nonlinear observer when that has found the attitude, fed with the same
+//! measurements, and watched by the observer from then on.
+
+use nalgebra::{Matrix4, Vector2, Vector3};
+
+use crate::camera::FlowCalibration;
+use crate::filter::error_state::{Eskf, EskfSettings, EskfState, Lag, StartSigma};
+use crate::geo::so3;
+use crate::observer::ObserverState;
+use crate::sample::ImuSample;
+use crate::time::{AutopilotTime, Span};
+
+use super::super::environment::LocalEnvironment;
+use super::super::observation::{Fused, Observation};
+use super::super::settings::{Estimator as Kind, NavigatorSettings};
+use super::super::sources::status::Measured;
+use super::super::timeline::Timeline;
+use super::{Stepped, Watch};
+
+/// Standard deviations at the start: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
+pub(super) const START_TILT: f64 = 0.05;
+pub(super) const START_YAW: f64 = 0.17;
+pub(super) const START_VELOCITY: f64 = 0.7;
+pub(super) const START_GYRO_BIAS: f64 = 0.005;
+pub(super) const START_ACCEL_BIAS: f64 = 0.15;
+/// The magnetometer is fused this often, s: its errors are not white.
+pub(super) const MAGNETIC_PERIOD_S: f64 = 0.1;
+/// The height is fused this often, s.
+pub(super) const HEIGHT_PERIOD_S: f64 = 0.1;
+/// Standard deviation of the height filter's height as a measurement, m.
+pub(super) const HEIGHT_SIGMA_M: f64 = 0.5;
+/// Beyond this bank or pitch a wing does not fly nose first: cos 60°.
+const MIN_UPRIGHT: f64 = 0.5;
+/// How far rotation and acceleration in a hole may be from those at its ends, rad/s and m/s², 1 sigma.
+const UNKNOWN_RATE: f64 = 0.3;
+const UNKNOWN_ACCELERATION: f64 = 2.0;
+/// The motion in a hole is integrated in steps of this, s.
+const BRIDGE_STEP_S: f64 = 0.02;
+
+/// Standard deviations of what the filter starts from: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s).
+pub(super) struct StartSigmas {
+    pub(super) tilt: f64,
+    pub(super) yaw: f64,
+    pub(super) velocity: f64,
+    pub(super) gyro_bias: f64,
+    /// Noise densities that the gyros (rad/s/√Hz) and accelerometers (m/s²/√Hz) are known to have at least.
+    pub(super) gyro_noise: f64,
+    pub(super) accel_noise: f64,
+}
+
+impl StartSigmas {
+    /// Of an observer that has found the attitude.
+    pub(super) const OBSERVED: Self = Self {
+        tilt: START_TILT,
+        yaw: START_YAW,
+        velocity: START_VELOCITY,
+        gyro_bias: START_GYRO_BIAS,
+        gyro_noise: 0.0,
+        accel_noise: 0.0,
+    };
+}
+
+/// What a filter starts from besides the observer's state.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct StartPoint<'a> {
+    pub(in super::super) settings: &'a NavigatorSettings,
+    /// The altimeter's height above the origin, m, and its standard deviation.
+    pub(in super::super) height_m: Option<f64>,
+    pub(in super::super) height_sigma_m: f64,
+    /// Standard deviation of the horizontal position, m.
+    pub(in super::super) position_sigma_m: f64,
+}
+
+impl StartPoint<'_> {
+    /// The observer's position at the altimeter's height.
+    pub(super) fn position(&self, observed_ned: &Vector3<f64>) -> Vector3<f64> {
+        let down = self.height_m.map_or(observed_ned.z, |h| -h);
+        Vector3::new(observed_ned.x, observed_ned.y, down)
+    }
+
+    /// Standard deviation of that, NED, m.
+    pub(super) fn position_sigma(&self) -> Vector3<f64> {
+        let horizontal = self.position_sigma_m;
+        Vector3::new(horizontal, horizontal, self.height_sigma_m.max(HEIGHT_SIGMA_M))
+    }
+}
+
+/// The filter and when it was last fed.
+#[derive(Clone, Debug)]
+pub(super) struct ErrorStateStage {
+    filter: Eskf,
+    magnetic_due: AutopilotTime,
+    height_due: AutopilotTime,
+    pub(super) watch: Watch,
+}
+
+impl ErrorStateStage {
+    /// Starts from the observer's state, known this well. `None` when the observer has no attitude.
+    pub(super) fn start(
+        now: AutopilotTime,
+        observed: &ObserverState,
+        from: &StartPoint<'_>,
+        known: &StartSigmas,
+    ) -> Option<Self> {
+        let r = observed.r_body_to_ned()?;
+        let position_ned = from.position(&observed.position_ned);
+        let start = EskfState {
+            drag: from.settings.drag.coefficient,
+            ..EskfState::moving(r, position_ned, observed.velocity_ned, observed.gyro_bias)
+        };
+        let (mut settings, flow) = filter_settings(from.settings);
+        settings.gyro_noise = settings.gyro_noise.max(known.gyro_noise);
+        settings.accel_noise = settings.accel_noise.max(known.accel_noise);
+        let sigma = StartSigma {
+            // Yaw stands on NED's z axis; body axes take their share of it.
+            attitude_body: r.tr_mul(&Vector3::new(known.tilt, known.tilt, known.yaw)).abs(),
+            position_ned: from.position_sigma(),
+            velocity_ned: Vector3::repeat(known.velocity),
+            gyro_bias: Vector3::repeat(known.gyro_bias),
+            accel_bias: Vector3::repeat(START_ACCEL_BIAS),
+            flow,
+        };
+        Some(Self {
+            filter: Eskf::new(settings, start, &sigma),
+            magnetic_due: now,
+            height_due: now,
+            watch: Watch::default(),
+        })
+    }
+
+    pub(super) fn filter(&self) -> &Eskf {
+        &self.filter
+    }
+
+    pub(super) fn filter_mut(&mut self) -> &mut Eskf {
+        &mut self.filter
+    }
+
+    /// One IMU sample, and the height when it is due. `None` when the estimate is not finite any more.
+    pub(super) fn step(
+        &mut self,
+        s: &ImuSample,
+        dt: f64,
+        environment: &LocalEnvironment,
+        height_m: Option<f64>,
+        fused: &mut Fused,
+    ) -> Option<Vector3<f64>> {
+        let LocalEnvironment { gravity_ned, earth_rate_ned, .. } = environment;
+        let acceleration = self.filter.predict(
+            dt,
+            &s.angular_rate_body,
+            &s.specific_force_body,
+            gravity_ned,
+            earth_rate_ned,
+        );
+        if let Some(height) = height_m
+            && s.time >= self.height_due
+        {
+            self.height_due = s.time + Span::from_seconds(HEIGHT_PERIOD_S);
+            let innovation = -height - self.filter.state().position_ned.z;
+            fused.note(
+                Measured::Height,
+                self.filter.fuse_position(2, innovation, HEIGHT_SIGMA_M.powi(2), &Lag::NONE),
+            );
+        }
+        self.filter.is_finite().then_some(acceleration)
+    }
+
+    /// Attitude, rate, and accelerations as they are published after a step.
+    pub(super) fn stepped(&self, s: &ImuSample, acceleration: Vector3<f64>) -> Stepped {
+        let state = self.filter.state();
+        Stepped {
+            r_body_to_ned: state.r_body_to_ned,
+            angular_rate_body: s.angular_rate_body - state.gyro_bias,
+            acceleration_ned: acceleration,
+            injected_ned: acceleration,
+        }
+    }
+
+    /// The angle between the filter's attitude and the observer's, rad, as far as it matters: nearly the same is zero.
+    pub(super) fn apart(&self, observed: &ObserverState) -> Option<f64> {
+        /// tr(RᵀR̂) above this is an angle far below any disagreement, however little orthonormal R̂ is.
+        const NEARLY_THE_SAME: f64 = 2.95;
+        // tr(RᵀR̂) = 1 + 2 cos φ: near 3 they agree, and R̂ need not be made orthonormal to see it.
+        let filter = self.filter.state().r_body_to_ned;
+        if filter.component_mul(&observed.r_hat).sum() > NEARLY_THE_SAME {
+            return Some(0.0);
+        }
+        observed.r_body_to_ned().map(|r| so3::angle_between(&filter, &r))
+    }
+
+    /// What lies between the time of a measurement and now.
+    fn lag(
+        &self,
+        now: AutopilotTime,
+        measured: AutopilotTime,
+        then_velocity: &Vector3<f64>,
+        e: &LocalEnvironment,
+    ) -> Lag {
+        let seconds = now.seconds_since(measured);
+        if seconds <= 0.0 {
+            return Lag::NONE;
+        }
+        let velocity = self.filter.state().velocity_ned;
+        Lag { seconds, impulse_ned: velocity - then_velocity - e.gravity_ned * seconds }
+    }
+
+    /// Takes an observation.
+    pub(super) fn fuse(
+        &mut self,
+        now: AutopilotTime,
+        observation: &Observation,
+        timeline: &Timeline,
+        environment: &LocalEnvironment,
+        fused: &mut Fused,
+    ) {
+        match observation {
+            Observation::Magnetic { field_body, field_ned, sigma_t } => {
+                if now >= self.magnetic_due {
+                    self.magnetic_due = now + Span::from_seconds(MAGNETIC_PERIOD_S);
+                    let result = self.filter.fuse_magnetic(field_body, field_ned, *sigma_t);
+                    fused.note(Measured::Magnetometer, result);
+                }
+            }
+            Observation::Fix { measured, position_error, velocity_error, sigma } => {
+                let lag = match timeline.motion(*measured) {
+                    Some((_, then)) => self.lag(now, *measured, &then, environment),
+                    None => Lag::NONE,
+                };
+                let variances = sigma.map(|s| s * s);
+                let results = self.filter.fuse_fix(position_error, velocity_error.as_ref(), variances, &lag);
+                for (i, result) in results.into_iter().enumerate() {
+                    let kind = if i < 2 { Measured::GnssPosition } else { Measured::GnssVelocity };
+                    result.map(|r| fused.note(kind, r));
+                }
+            }
+            Observation::Flow { measured, v_xy, r_body_to_ned, covariance, .. } => {
+                let state = self.filter.state();
+                let present = (state.position_ned, state.velocity_ned);
+                let (_, velocity) = timeline.motion(*measured).unwrap_or(present);
+                let lag = self.lag(now, *measured, &velocity, environment);
+                let result = self.filter.fuse_flow(v_xy, &velocity, r_body_to_ned, covariance, &lag);
+                fused.note_all(Measured::Flow, result);
+            }
+            Observation::Airspeed { speed_mps, sigma_mps, sideslip_sigma_rad } => {
+                let taken = fused.note(Measured::Airspeed, self.filter.fuse_airspeed(*speed_mps, *sigma_mps));
+                let upright = self.filter.state().r_body_to_ned[(2, 2)] > MIN_UPRIGHT;
+                if let Some(sigma) = sideslip_sigma_rad.filter(|_| taken && upright) {
+                    fused.note(Measured::Sideslip, self.filter.fuse_sideslip(sigma));
+                }
+            }
+            Observation::Drag { force_xy, air_body, sigma_mps2 } => {
+                fused.note_all(Measured::Drag, self.filter.fuse_drag(force_xy, air_body, *sigma_mps2));
+            }
+            Observation::Standstill { angular_rate_body, earth_rate_ned, sigma_mps, sigma_radps } => {
+                let result =
+                    self.filter.fuse_standstill(angular_rate_body, earth_rate_ned, *sigma_mps, *sigma_radps);
+                fused.note_all(Measured::Standstill, result);
+            }
+            Observation::Pose { error_ne, variance, r_body_to_ned, heading_variance } => {
+                let turn = so3::log(&(r_body_to_ned * self.filter.state().r_body_to_ned.transpose())).z;
+                if self.fuse_place(error_ne, variance, fused) {
+                    let result = self.filter.fuse_heading(turn, *heading_variance);
+                    fused.note(Measured::LandmarkHeading, result);
+                }
+            }
+        }
+    }
+
+    /// A horizontal position of the present; whether both components were taken.
+    fn fuse_place(&mut self, error_ne: &Vector2<f64>, variance: &[f64; 2], fused: &mut Fused) -> bool {
+        let before = self.filter.state().position_ned;
+        let mut taken = true;
+        for axis in 0..2 {
+            // Of the second the first has taken its part.
+            let moved = self.filter.state().position_ned[axis] - before[axis];
+            let result = self.filter.fuse_position(axis, error_ne[axis] - moved, variance[axis], &Lag::NONE);
+            taken &= fused.note(Measured::LandmarkPosition, result);
+        }
+        taken
+    }
+
+    /// `gap_s` without samples: what may have happened in it.
+    pub(super) fn doubt(&mut self, gap_s: f64) {
+        let velocity = UNKNOWN_ACCELERATION * gap_s;
+        self.filter.doubt(UNKNOWN_RATE * gap_s, 0.5 * velocity * gap_s, velocity);
+    }
+
+    /// Over a hole of `gap_s` with what was felt before and after, and the doubt that it leaves. `None` when that is not finite.
+    pub(super) fn bridge(
+        &mut self,
+        last: &ImuSample,
+        s: &ImuSample,
+        gap_s: f64,
+        environment: &LocalEnvironment,
+    ) -> Option<Stepped> {
+        let rate = 0.5 * (last.angular_rate_body + s.angular_rate_body);
+        let force = 0.5 * (last.specific_force_body + s.specific_force_body);
+        let steps = (gap_s / BRIDGE_STEP_S).ceil().max(1.0);
+        for _ in 0..steps as usize {
+            let LocalEnvironment { gravity_ned, earth_rate_ned, .. } = environment;
+            self.filter.predict(gap_s / steps, &rate, &force, gravity_ned, earth_rate_ned);
+        }
+        self.doubt(gap_s);
+        let acceleration = self.filter.state().r_body_to_ned * force + environment.gravity_ned;
+        self.filter.is_finite().then(|| self.stepped(s, acceleration))
+    }
+}
+
+/// What the filter of this estimator is: the baseline knows of attitude, position, velocity, IMU biases and a flow bias only.
+fn filter_settings(settings: &NavigatorSettings) -> (EskfSettings, Matrix4<f64>) {
+    let mut filter = settings.kalman;
+    let mut flow = *FlowCalibration::new(settings.flow.calibration).covariance();
+    if settings.estimator == Kind::Ekf15 {
+        filter = EskfSettings {
+            gyro_scale_sigma: 0.0,
+            magnetic_bias_sigma: 0.0,
+            magnetic_bias_walk: 0.0,
+            flow_scale_walk: 0.0,
+            wind_sigma: 0.0,
+            wind_walk: 0.0,
+            airspeed_scale_sigma: 0.0,
+            drag_sigma: 0.0,
+            ..filter
+        };
+        for i in 2..4 {
+            flow.row_mut(i).fill(0.0);
+            flow.column_mut(i).fill(0.0);
+        }
+    }
+    (filter, flow)
+}

@@ -1,0 +1,604 @@
+//! What estimates: an observer, and over it the stage that the configuration asks for. Decided once, here.
+//!
+//! The observer (Grip's or Fusini's, [`observer`]) always runs. `nlo` and `nlo_printed` publish it as it is; `shipped`, `ekf15` and
+//! `inertial` publish the error-state filter ([`error_state`]), which the observer starts and watches; `xkf` publishes the exogenous Kalman
+//! filter over it ([`exogenous`]). Where nothing tells a heading, [`heading`] finds it from motion.
+//!
+//! Sources give [`Observation`]s; nobody else changes the estimate.
+
+mod error_state;
+mod exogenous;
+mod heading;
+mod observer;
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use crate::filter::HeadingEstimate;
+use crate::filter::error_state::EskfState;
+use crate::observer::{Innovation, MagneticPair, ObserverState, StepReport};
+use crate::sample::ImuSample;
+use crate::time::AutopilotTime;
+
+use super::context::SourceFacts;
+use super::environment::LocalEnvironment;
+use super::observation::{Fused, Observation};
+use super::reset::Reset;
+use super::settings::{Estimator as Kind, NavigatorSettings};
+use super::solution::Mode;
+use super::sources::status::Measured;
+use super::timeline::Timeline;
+
+pub(super) use error_state::StartPoint;
+use error_state::{ErrorStateStage, StartSigmas};
+use exogenous::ExogenousStage;
+use heading::HeadingSearch;
+use observer::{ObserverStage, WAIT_FOR_MAGNETOMETER_S};
+
+/// Trusted fixes that are gated out for this long mean that the filter is wrong, s.
+const LOCKED_OUT_S: f64 = 2.0;
+/// Observer and filter disagree when their attitudes differ by this much, rad …
+const DISAGREEMENT: f64 = 0.35;
+/// … for this long, s.
+const DISAGREEMENT_S: f64 = 5.0;
+/// Standard deviation of the velocity when a fix has set it, and when it could not, m/s.
+const AIDED_SPEED_SIGMA: f64 = 0.3;
+const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
+/// A magnetometer sample is used for this long, s.
+const MAGNETIC_AGE_S: f64 = 0.5;
+/// A flow velocity is used for this long, s.
+const FLOW_AGE_S: f64 = 0.5;
+
+/// The stage over the observer.
+#[derive(Clone, Debug)]
+enum Stage {
+    /// None: the observer is published.
+    Observer,
+    /// The error-state filter, once it runs.
+    ErrorState(Option<Box<ErrorStateStage>>),
+    /// The exogenous Kalman filter, while it runs.
+    Exogenous(Option<Box<ExogenousStage>>),
+}
+
+/// Since when a stage has disagreed with what it stands on.
+#[derive(Clone, Copy, Debug, Default)]
+struct Watch {
+    disagree_since: Option<AutopilotTime>,
+    /// Since when trusted fixes have been gated out.
+    locked_out_since: Option<AutopilotTime>,
+}
+
+impl Watch {
+    /// Whether a disagreement of `apart` rad has lasted for too long.
+    fn disagrees(&mut self, now: AutopilotTime, apart: Option<f64>) -> bool {
+        if apart.is_none_or(|a| a < DISAGREEMENT) {
+            self.disagree_since = None;
+            return false;
+        }
+        now.seconds_since(*self.disagree_since.get_or_insert(now)) > DISAGREEMENT_S
+    }
+
+    /// Whether fixes have been gated out for too long.
+    fn locked_out(&mut self, now: AutopilotTime, taken: bool) -> bool {
+        self.locked_out_since = if taken { None } else { Some(self.locked_out_since.unwrap_or(now)) };
+        self.locked_out_since.is_some_and(|t| now.seconds_since(t) > LOCKED_OUT_S)
+    }
+}
+
+/// What an IMU step needs besides the sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StepInput<'a> {
+    pub(super) settings: &'a NavigatorSettings,
+    pub(super) environment: &'a LocalEnvironment,
+    pub(super) mode: Mode,
+    /// GNSS is not navigated on.
+    pub(super) dead_reckoning: bool,
+    /// What carries the velocity without it is the flow.
+    pub(super) carried_by_flow: bool,
+    pub(super) height_m: Option<f64>,
+    pub(super) height_sigma_m: f64,
+    pub(super) climb_mps: f64,
+    /// The newest magnetic field, body, T.
+    pub(super) magnetic: Option<(AutopilotTime, Vector3<f64>)>,
+    /// The newest corrected flow velocity, body, m/s.
+    pub(super) flow_velocity: Option<(AutopilotTime, Vector3<f64>)>,
+    pub(super) gnss_sigma_m: f64,
+}
+
+impl StepInput<'_> {
+    fn magnetic_pair(&self, now: AutopilotTime) -> Option<MagneticPair> {
+        let (time, field_body) = self.magnetic?;
+        let field_ned = self.environment.field_ned?;
+        (now.seconds_since(time) < MAGNETIC_AGE_S).then_some(MagneticPair { field_body, field_ned })
+    }
+
+    fn flow_body(&self, now: AutopilotTime) -> Option<Vector3<f64>> {
+        self.flow_velocity.filter(|(t, _)| now.seconds_since(*t) < FLOW_AGE_S).map(|(_, v)| v)
+    }
+
+    fn start_point(&self) -> StartPoint<'_> {
+        StartPoint {
+            settings: self.settings,
+            height_m: self.height_m,
+            height_sigma_m: self.height_sigma_m,
+            position_sigma_m: self.gnss_sigma_m,
+        }
+    }
+}
+
+/// Whether a magnetometer is heard.
+pub(super) fn has_magnetometer(facts: &SourceFacts, now: AutopilotTime) -> bool {
+    facts.magnetic.is_some_and(|(t, _)| now.seconds_since(t) < MAGNETIC_AGE_S)
+}
+
+/// Whether there is a fresh flow velocity.
+pub(super) fn has_flow(facts: &SourceFacts, now: AutopilotTime) -> bool {
+    facts.flow_velocity.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S)
+}
+
+/// Whether an observer has no direction but gravity.
+fn is_blind(facts: &SourceFacts, now: AutopilotTime) -> bool {
+    !has_flow(facts, now) && !has_magnetometer(facts, now)
+}
+
+/// What a step gives.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stepped {
+    pub(super) r_body_to_ned: Matrix3<f64>,
+    /// Gyro bias taken out, rad/s.
+    pub(super) angular_rate_body: Vector3<f64>,
+    /// m/s².
+    pub(super) acceleration_ned: Vector3<f64>,
+    /// What the observer's signal goes on with, m/s².
+    pub(super) injected_ned: Vector3<f64>,
+}
+
+/// What came of an IMU step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StepOutcome {
+    pub(super) stepped: Stepped,
+    pub(super) report: StepReport,
+    /// What was fused on the way.
+    pub(super) fused: Fused,
+    /// The stage was started anew; it had been this far from the observer, rad.
+    pub(super) restarted: Option<f64>,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub(super) struct Estimator {
+    observer: ObserverStage,
+    stage: Stage,
+    heading: HeadingSearch,
+}
+
+impl Estimator {
+    pub(super) fn new(settings: &NavigatorSettings) -> Self {
+        let stage = match settings.estimator {
+            Kind::Shipped | Kind::Ekf15 | Kind::Inertial => Stage::ErrorState(None),
+            Kind::Xkf => Stage::Exogenous(None),
+            Kind::Nlo | Kind::NloPrinted => Stage::Observer,
+        };
+        Self { observer: ObserverStage::new(settings), stage, heading: HeadingSearch::default() }
+    }
+
+    pub(super) fn observer(&self) -> &ObserverStage {
+        &self.observer
+    }
+
+    pub(super) fn observer_mut(&mut self) -> &mut ObserverStage {
+        &mut self.observer
+    }
+
+    fn error_state(&self) -> Option<&ErrorStateStage> {
+        if let Stage::ErrorState(stage) = &self.stage { stage.as_deref() } else { None }
+    }
+
+    fn error_state_mut(&mut self) -> Option<&mut ErrorStateStage> {
+        if let Stage::ErrorState(stage) = &mut self.stage { stage.as_deref_mut() } else { None }
+    }
+
+    fn exogenous(&self) -> Option<&ExogenousStage> {
+        if let Stage::Exogenous(stage) = &self.stage { stage.as_deref() } else { None }
+    }
+
+    /// The state of the error-state filter, if it runs.
+    pub(super) fn filter_state(&self) -> Option<&EskfState> {
+        self.error_state().map(|s| s.filter().state())
+    }
+
+    /// How well the error-state filter knows the rotor drag, 1/s.
+    pub(super) fn drag_sigma(&self) -> Option<f64> {
+        self.error_state().map(|s| s.filter().drag_sigma())
+    }
+
+    /// How far a specific force is from what the drag should make it, body x and y, m/s².
+    pub(super) fn drag_innovation(
+        &self,
+        force_xy: &Vector2<f64>,
+        air_body: &Vector3<f64>,
+    ) -> Option<Vector2<f64>> {
+        self.error_state().map(|s| s.filter().drag_innovation(force_xy, air_body))
+    }
+
+    /// Whether a filter is published, of whichever kind.
+    pub(super) fn is_filtered(&self) -> bool {
+        match &self.stage {
+            Stage::Observer => false,
+            Stage::ErrorState(stage) => stage.is_some(),
+            Stage::Exogenous(stage) => stage.is_some(),
+        }
+    }
+
+    /// Position and velocity, NED, m and m/s.
+    pub(super) fn estimate(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        if let Some(stage) = self.error_state() {
+            let state = stage.filter().state();
+            return Some((state.position_ned, state.velocity_ned));
+        }
+        if let Some(stage) = self.exogenous() {
+            let state = stage.filter().state();
+            return Some((state.position_ned, state.velocity_ned));
+        }
+        self.observer.state.as_ref().map(|s| (s.position_ned, s.velocity_ned))
+    }
+
+    /// Covariances of position and velocity, NED, m² and (m/s)², of the filter that is published, if one is; and whether they say all: those
+    /// of a filter whose biases are frozen in dead reckoning do not.
+    pub(super) fn covariance(&self) -> Option<(Matrix3<f64>, Matrix3<f64>, bool)> {
+        if let Some(stage) = self.error_state() {
+            let filter = stage.filter();
+            return Some((filter.position_covariance(), filter.velocity_covariance(), true));
+        }
+        let filter = self.exogenous()?.filter();
+        Some((filter.position_covariance(), filter.velocity_covariance(), false))
+    }
+
+    /// Covariance of the attitude of the filter that is published, about the NED axes, rad².
+    pub(super) fn attitude_covariance(&self) -> Option<Matrix3<f64>> {
+        match (self.error_state(), self.exogenous()) {
+            (Some(stage), _) => Some(stage.filter().attitude_covariance_ned()),
+            (None, Some(stage)) => Some(stage.filter().attitude_covariance_ned()),
+            (None, None) => None,
+        }
+    }
+
+    /// Whether the heading came from motion and the observer has still nothing to find it by: then it only follows.
+    pub(super) fn is_led(&self, facts: &SourceFacts, now: AutopilotTime) -> bool {
+        self.heading.by_motion() && is_blind(facts, now)
+    }
+
+    /// The observer's state is not finite any more: there is none.
+    pub(super) fn lose_attitude(&mut self) {
+        self.observer.state = None;
+    }
+
+    /// A hole of `gap_s` between two samples that is too short to interrupt anything leaves doubt.
+    pub(super) fn doubt(&mut self, gap_s: f64) {
+        if let Some(stage) = self.error_state_mut() {
+            stage.doubt(gap_s);
+        }
+    }
+
+    /// One IMU sample, over the interval before it: observer, then stage. `None` when the observer's state is not finite any more.
+    pub(super) fn step(
+        &mut self,
+        s: &ImuSample,
+        dt: f64,
+        input: &StepInput<'_>,
+        facts: &SourceFacts,
+        r_body_to_ned: &Matrix3<f64>,
+    ) -> Option<StepOutcome> {
+        let report = self.observer.step(s, dt, input)?;
+        let observed = *self.observer.state()?;
+        let mut fused = Fused::nothing();
+        let (stepped, restarted) = self.step_stage(s, dt, input, facts, &observed, &report, &mut fused);
+        let stepped = stepped.unwrap_or_else(|| {
+            let r = observed.r_body_to_ned().unwrap_or(*r_body_to_ned);
+            Stepped {
+                r_body_to_ned: r,
+                angular_rate_body: s.angular_rate_body - observed.gyro_bias,
+                acceleration_ned: r * s.specific_force_body + input.environment.gravity_ned,
+                injected_ned: report.acceleration_ned,
+            }
+        });
+        Some(StepOutcome { stepped, report, fused, restarted })
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "one step has one input, spread over its owners")]
+    fn step_stage(
+        &mut self,
+        s: &ImuSample,
+        dt: f64,
+        input: &StepInput<'_>,
+        facts: &SourceFacts,
+        observed: &ObserverState,
+        report: &StepReport,
+        fused: &mut Fused,
+    ) -> (Option<Stepped>, Option<f64>) {
+        let now = s.time;
+        let calm = self.observer.alignment.calm();
+        let led = self.is_led(facts, now);
+        let time_constant = self.observer.fusini().flow_bias_time_constant_s;
+        match &mut self.stage {
+            Stage::Observer => (None, None),
+            Stage::ErrorState(stage) => {
+                let Some(filter) = stage else { return (None, None) };
+                let Some(acceleration) = filter.step(s, dt, input.environment, input.height_m, fused) else {
+                    *stage = None;
+                    return (None, None);
+                };
+                // An observer that follows the filter has nothing to say about it.
+                let watching = input.mode == Mode::Aided && !led;
+                let apart = if watching { filter.apart(observed) } else { None };
+                let restarted = apart.filter(|_| filter.watch.disagrees(now, apart) && calm);
+                if restarted.is_some()
+                    && let Some(anew) =
+                        ErrorStateStage::start(now, observed, &input.start_point(), &StartSigmas::OBSERVED)
+                {
+                    **filter = anew;
+                }
+                (Some(filter.stepped(s, acceleration)), restarted)
+            }
+            Stage::Exogenous(stage) => {
+                let start = || {
+                    ExogenousStage::start(now, observed, &input.start_point(), time_constant).map(Box::new)
+                };
+                if stage.is_none() && input.mode == Mode::Aided && calm {
+                    *stage = start();
+                }
+                let Some(filter) = stage else { return (None, None) };
+                if !filter.step(s, dt, observed, input, fused) {
+                    *stage = None;
+                    return (None, None);
+                }
+                let apart = (input.mode == Mode::Aided).then(|| filter.apart());
+                let restarted = apart.filter(|_| filter.watch.disagrees(now, apart) && calm);
+                if restarted.is_some() {
+                    *stage = start();
+                }
+                let stepped = stage
+                    .as_ref()
+                    .map(|filter| filter.stepped(s, report.acceleration_ned, input.environment));
+                (stepped, restarted)
+            }
+        }
+    }
+
+    /// Takes an observation.
+    pub(super) fn fuse(
+        &mut self,
+        now: AutopilotTime,
+        observation: &Observation,
+        timeline: &Timeline,
+        environment: &LocalEnvironment,
+    ) -> Fused {
+        let mut fused = Fused::nothing();
+        match &mut self.stage {
+            Stage::ErrorState(Some(stage)) => {
+                stage.fuse(now, observation, timeline, environment, &mut fused);
+            }
+            Stage::Exogenous(Some(stage)) => stage.fuse(observation, timeline, &mut fused),
+            Stage::Observer | Stage::ErrorState(None) | Stage::Exogenous(None) => {}
+        }
+        fused
+    }
+
+    /// Whether fixes that GNSS is trusted for have been gated out for so long that the stage must be wrong; `fused` is what became of one.
+    pub(super) fn is_locked_out(&mut self, now: AutopilotTime, fused: &Fused) -> bool {
+        let taken = !fused.gated(Measured::GnssPosition);
+        match &mut self.stage {
+            Stage::ErrorState(Some(stage)) => stage.watch.locked_out(now, taken),
+            Stage::Exogenous(Some(stage)) => stage.watch.locked_out(now, taken),
+            Stage::Observer | Stage::ErrorState(None) | Stage::Exogenous(None) => false,
+        }
+    }
+
+    /// Starts the stage from the observer, if it is one that starts with an attitude that was found.
+    pub(super) fn start_filter(&mut self, now: AutopilotTime, from: &StartPoint<'_>) {
+        self.start_filter_as(now, from, &StartSigmas::OBSERVED);
+    }
+
+    fn start_filter_as(&mut self, now: AutopilotTime, from: &StartPoint<'_>, known: &StartSigmas) {
+        if let (Stage::ErrorState(stage), Some(observed)) = (&mut self.stage, &self.observer.state)
+            && let Some(started) = ErrorStateStage::start(now, observed, from, known)
+        {
+            *stage = Some(Box::new(started));
+        }
+    }
+
+    /// Starts whatever stage there is anew from the observer, at the measurement signal: fixes say that it is wrong.
+    pub(super) fn restart(&mut self, now: AutopilotTime, from: &StartPoint<'_>) {
+        self.observer.take_signal_over();
+        self.start_filter(now, from);
+        let time_constant = self.observer.fusini().flow_bias_time_constant_s;
+        if let Stage::Exogenous(stage) = &mut self.stage {
+            let observed = self.observer.state.as_ref();
+            *stage = observed.and_then(|o| ExogenousStage::start(now, o, from, time_constant)).map(Box::new);
+        }
+    }
+
+    /// The position is somewhere else by `by`, NED, m: no measurement, a decision.
+    pub(super) fn relocate(&mut self, by: &Vector3<f64>) {
+        match &mut self.stage {
+            Stage::ErrorState(Some(stage)) => stage.filter_mut().shift_origin(&-by),
+            Stage::Exogenous(Some(stage)) => stage.filter_mut().shift_position(by),
+            Stage::Observer | Stage::ErrorState(None) | Stage::Exogenous(None) => {}
+        }
+        if let Some(state) = &mut self.observer.state {
+            state.position_ned += by;
+        }
+    }
+
+    /// The horizontal position is known anew, with this standard deviation, by what the error-state filter has no model for. False when
+    /// that does not run.
+    pub(super) fn reset_position(&mut self, by_ne: &Vector2<f64>, sigma_m: f64) -> bool {
+        let Some(stage) = self.error_state_mut() else { return false };
+        let position = stage.filter().state().position_ned.xy() + by_ne;
+        stage.filter_mut().reset_position(&position, sigma_m);
+        true
+    }
+
+    /// The position may be off by `sigma_m` more than the error-state filter thinks.
+    pub(super) fn doubt_position(&mut self, sigma_m: f64) {
+        if let Some(stage) = self.error_state_mut() {
+            stage.filter_mut().doubt(0.0, sigma_m, 0.0);
+        }
+    }
+
+    /// Whether the error-state filter runs.
+    pub(super) fn has_error_state(&self) -> bool {
+        self.error_state().is_some()
+    }
+
+    /// GNSS is back: the estimate moves by `shift_ne` to `position_ne` and by `velocity_error` to the fix at once. `sigma`: position, m, and
+    /// velocity, m/s, of the fix.
+    pub(super) fn rejoin(
+        &mut self,
+        innovation: &Innovation,
+        position_ne: &Vector2<f64>,
+        velocity_error: Option<&Vector2<f64>>,
+        sigma: [f64; 2],
+    ) {
+        let e_v = velocity_error.copied().unwrap_or_default();
+        let speed_sigma =
+            if velocity_error.is_some() { sigma[1].max(AIDED_SPEED_SIGMA) } else { UNKNOWN_SPEED_SIGMA };
+        self.observer.predictor.apply(innovation);
+        match &mut self.stage {
+            Stage::ErrorState(Some(stage)) => {
+                let velocity = stage.filter().state().velocity_ned.xy() + e_v;
+                stage.filter_mut().reset_motion(position_ne, &velocity, sigma[0], speed_sigma);
+            }
+            Stage::Exogenous(Some(stage)) => {
+                let velocity = stage.filter().state().velocity_ned.xy() + e_v;
+                stage.filter_mut().reset_motion(position_ne, &velocity, sigma[0], speed_sigma);
+            }
+            Stage::Observer | Stage::ErrorState(None) | Stage::Exogenous(None) => {}
+        }
+        if let (Some(state), Some(w)) = (&mut self.observer.state, self.observer.predictor.latest()) {
+            state.position_ned = Vector3::new(w.position_ned.x, w.position_ned.y, state.position_ned.z);
+            state.velocity_ned += Vector3::new(e_v.x, e_v.y, 0.0);
+        }
+    }
+
+    /// A blind observer follows the filter: left alone it would drift, and start the filter from there one day.
+    pub(super) fn lead_observer(&mut self, facts: &SourceFacts, now: AutopilotTime) {
+        if self.is_led(facts, now)
+            && let Some((r, bias)) = self.filter_state().map(|s| (s.r_body_to_ned, s.gyro_bias))
+        {
+            self.observer.led_by(&r, &bias);
+        }
+    }
+
+    /// An IMU sample for the search for a heading, which goes on while the vehicle aligns without a magnetometer. True when it begins.
+    pub(super) fn seek_heading(&mut self, s: &ImuSample, dt: f64, mode: Mode, input: &SeekInput<'_>) -> bool {
+        let magnetic =
+            input.facts.magnetic.is_some_and(|(t, _)| s.time.seconds_since(t) < WAIT_FOR_MAGNETOMETER_S);
+        let waited = self.observer.alignment.seconds_since_start(s.time) >= WAIT_FOR_MAGNETOMETER_S;
+        // Without a filter nobody carries the heading on: the observers have no direction to hold it by.
+        let carried = matches!(self.stage, Stage::ErrorState(_));
+        if mode != Mode::Aligning || !carried || !waited || magnetic {
+            self.heading.stop();
+            return false;
+        }
+        self.heading.seek(s, dt, input.environment.gravity_ned.z, input.settings.imu_instantaneous)
+    }
+
+    /// A velocity of GNSS for the search; a blind observer is levelled by it.
+    pub(super) fn weigh_headings(
+        &mut self,
+        now: AutopilotTime,
+        measured: AutopilotTime,
+        v: &Vector2<f64>,
+        sigma: f64,
+        facts: &SourceFacts,
+    ) {
+        let Some(e) = self.heading.weigh(measured, v, sigma, facts.gnss_latency_sigma_s) else { return };
+        if is_blind(facts, now)
+            && let Some(r) = self
+                .observer
+                .state
+                .as_ref()
+                .and_then(ObserverState::r_body_to_ned)
+                .and_then(|r| heading::tilted_as(&r, &e.r_body_to_ned))
+        {
+            self.observer.led_by(&r, &e.gyro_bias);
+        }
+    }
+
+    /// The heading, once motion has shown it.
+    pub(super) fn heading_found(&self) -> Option<HeadingEstimate> {
+        self.heading.found()
+    }
+
+    /// The attitude was found by the observer: the stage starts.
+    pub(super) fn align(&mut self, now: AutopilotTime, from: &StartPoint<'_>) {
+        self.observer.take_signal_over();
+        self.start_filter(now, from);
+    }
+
+    /// The heading was found from motion: observer and stage start there.
+    pub(super) fn align_by_motion(&mut self, now: AutopilotTime, e: &HeadingEstimate, from: &StartPoint<'_>) {
+        self.observer.take_signal_over();
+        self.observer.led_by(&e.r_body_to_ned, &e.gyro_bias);
+        if let Some(state) = &mut self.observer.state {
+            state.velocity_ned.x = e.velocity_ne.x;
+            state.velocity_ned.y = e.velocity_ne.y;
+        }
+        self.start_filter_as(now, from, &heading::start_sigmas(e));
+        self.heading.fly_on();
+    }
+
+    /// Carries the error-state filter over a hole of `gap_s` that ends with `s`. `None` when there is none.
+    pub(super) fn bridge(
+        &mut self,
+        last: &ImuSample,
+        s: &ImuSample,
+        gap_s: f64,
+        environment: &LocalEnvironment,
+    ) -> Option<Stepped> {
+        let stage = self.error_state_mut()?;
+        let stepped = stage.bridge(last, s, gap_s, environment)?;
+        let (p, v) = (stage.filter().state().position_ned, stage.filter().state().velocity_ned);
+        // The observer has no such memory: it goes on from where the filter is.
+        if let Some(state) = &mut self.observer.state {
+            state.r_hat = stepped.r_body_to_ned;
+            state.position_ned = p;
+            state.velocity_ned = v;
+            state.xi_ned = Vector3::zeros();
+        }
+        Some(stepped)
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset, environment: Option<&LocalEnvironment>) {
+        match reset {
+            Reset::OriginMoved(moved) => {
+                self.relocate(&-moved);
+                if let Some(environment) = environment {
+                    self.observer.settle(environment);
+                }
+            }
+            Reset::Bridged => self.observer.predictor.clear(),
+            Reset::Relocated => {}
+            Reset::StreamBroken | Reset::Reboot | Reset::ClockSetBack => {
+                self.observer.predictor.clear();
+                match &mut self.stage {
+                    Stage::Observer => {}
+                    Stage::ErrorState(stage) => *stage = None,
+                    Stage::Exogenous(stage) => *stage = None,
+                }
+                self.heading = HeadingSearch::default();
+                if reset.reboots() {
+                    self.observer.state = None;
+                }
+            }
+        }
+    }
+}
+
+/// What the search for a heading needs besides the sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SeekInput<'a> {
+    pub(super) settings: &'a NavigatorSettings,
+    pub(super) environment: &'a LocalEnvironment,
+    pub(super) facts: &'a SourceFacts,
+}

@@ -1,0 +1,8 @@
+//! What is believed of GNSS, which mode follows from it, and how dead reckoning goes on.
+
+pub mod budget;
+pub mod gnss_integrity;
+pub(super) mod mode;
+pub(super) mod outage;
+
+pub use gnss_integrity::{GnssFault, GnssState};

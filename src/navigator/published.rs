@@ -1,0 +1,171 @@
+//! What is published beside what is estimated: the only owner of the position's and the height's offset, of glides, jumps and the reset
+//! counter.
+//!
+//! A decision (a return of GNSS, a landmark, a convicted sensor) moves the estimate at once; the published position stays and glides after
+//! it. Where the way is too long it jumps, and the reset counter says so.
+
+use nalgebra::{Matrix2, Vector3};
+
+use super::reset::Reset;
+use super::settings::{HeightSettings, RejoinSettings};
+
+/// The position has joined the estimate when it is this near, m.
+const JOINED_M: f64 = 0.05;
+/// What single heights move the height by is shown over this time, s: enough that nothing steps, too little to lag.
+const SMOOTHED_S: f64 = 0.25;
+/// A height whose distance to the estimate is below this has joined it, m.
+const HEIGHT_JOINED_M: f64 = 1e-3;
+/// An origin that moved by less moves nobody, m.
+const ORIGIN_MOVED_M: f64 = 0.01;
+
+/// See the module's documentation.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Published {
+    /// Published less estimated position, NED, m.
+    offset_ned: Vector3<f64>,
+    /// Published less estimated height, m, after a decision: glides to zero.
+    gliding_m: f64,
+    /// And what tracking has moved the height by just now, m: goes at once.
+    smoothed_m: f64,
+    reset_counter: u8,
+}
+
+impl Published {
+    /// Published less estimated position, NED, m.
+    pub(super) fn offset_ned(&self) -> Vector3<f64> {
+        self.offset_ned
+    }
+
+    /// Published less estimated height, m.
+    pub(super) fn height_offset_m(&self) -> f64 {
+        self.gliding_m + self.smoothed_m
+    }
+
+    /// Changes whenever the published position or height jumps.
+    pub(super) fn reset_counter(&self) -> u8 {
+        self.reset_counter
+    }
+
+    /// A position that is still gliding is off by what is missing, NE, m².
+    pub(super) fn offset_covariance(&self) -> Matrix2<f64> {
+        let o = self.offset_ned.xy();
+        o * o.transpose()
+    }
+
+    /// The estimate was moved horizontally by `shift_ned`; the published position stays where it is.
+    pub(super) fn stays(&mut self, shift_ned: &Vector3<f64>) {
+        self.offset_ned -= Vector3::new(shift_ned.x, shift_ned.y, 0.0);
+    }
+
+    /// There is nothing to be continuous with: the estimate is published as it is.
+    pub(super) fn begin(&mut self) {
+        self.offset_ned = Vector3::zeros();
+    }
+
+    /// The published position jumps to the estimate; by how much, m.
+    pub(super) fn jump(&mut self) -> f64 {
+        let away = std::mem::take(&mut self.offset_ned).norm();
+        self.count_reset();
+        away
+    }
+
+    /// The estimate jumped and the published position with it.
+    pub(super) fn count_reset(&mut self) {
+        self.reset_counter = self.reset_counter.wrapping_add(1);
+    }
+
+    /// The position glides for `dt` s.
+    pub(super) fn glide(&mut self, dt: f64, settings: &RejoinSettings) {
+        let away = self.offset_ned.norm();
+        if away > 0.0 {
+            let step = (settings.glide_mps * dt).min(away);
+            self.offset_ned *= 1.0 - step / away;
+        }
+    }
+
+    /// Whether the position has arrived at the estimate.
+    pub(super) fn has_joined(&self) -> bool {
+        self.offset_ned.norm() < JOINED_M
+    }
+
+    /// The estimated height was moved by `moved_m`: by a decision it glides there, in tracking it is smoothed.
+    pub(super) fn height_moved(&mut self, moved_m: f64, decision: bool) {
+        if decision {
+            self.gliding_m -= moved_m;
+        } else {
+            self.smoothed_m -= moved_m;
+        }
+    }
+
+    /// The height glides for `dt` s.
+    pub(super) fn glide_height(&mut self, dt: f64, settings: &HeightSettings) {
+        self.smoothed_m *= (1.0 - dt / SMOOTHED_S).max(0.0);
+        let away = self.gliding_m;
+        if away != 0.0 {
+            let left = (away.abs() - settings.glide_mps * dt).max(0.0);
+            self.gliding_m = if left < HEIGHT_JOINED_M { 0.0 } else { left.copysign(away) };
+        }
+    }
+
+    /// There is no height to be continuous with.
+    pub(super) fn begin_height(&mut self) {
+        (self.gliding_m, self.smoothed_m) = (0.0, 0.0);
+    }
+
+    /// The published height jumps to the estimate; by how much, m, if it had to.
+    pub(super) fn jump_height(&mut self) -> Option<f64> {
+        let jump = self.height_offset_m();
+        self.begin_height();
+        (jump != 0.0).then(|| {
+            self.count_reset();
+            -jump
+        })
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        match reset {
+            Reset::OriginMoved(moved) if moved.norm() > ORIGIN_MOVED_M => self.count_reset(),
+            Reset::Reboot | Reset::ClockSetBack => {
+                self.begin();
+                self.begin_height();
+                self.count_reset();
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const REJOIN: RejoinSettings = RejoinSettings { glide_mps: 3.0, jump_m: 50.0 };
+
+    #[test]
+    fn the_published_position_stays_when_the_estimate_moves_and_glides_after_it() {
+        let mut published = Published::default();
+        published.stays(&Vector3::new(3.0, 4.0, 7.0));
+        assert_eq!(published.offset_ned(), Vector3::new(-3.0, -4.0, 0.0));
+        published.glide(1.0, &REJOIN);
+        assert!((published.offset_ned().norm() - 2.0).abs() < 1e-12);
+        published.glide(1.0, &REJOIN);
+        assert!(published.has_joined());
+        assert_eq!(published.reset_counter(), 0);
+    }
+
+    #[test]
+    fn only_jumps_are_counted() {
+        let mut published = Published::default();
+        published.stays(&Vector3::new(60.0, 0.0, 0.0));
+        assert!((published.jump() - 60.0).abs() < 1e-12);
+        assert_eq!((published.reset_counter(), published.offset_ned().norm()), (1, 0.0));
+        published.height_moved(-2.0, true);
+        assert_eq!(published.jump_height(), Some(-2.0));
+        assert_eq!(published.jump_height(), None);
+        published.reset(&Reset::OriginMoved(Vector3::new(0.001, 0.0, 0.0)));
+        assert_eq!(published.reset_counter(), 2);
+        published.reset(&Reset::OriginMoved(Vector3::new(1.0, 0.0, 0.0)));
+        published.reset(&Reset::Reboot);
+        assert_eq!(published.reset_counter(), 4);
+    }
+}

@@ -1,0 +1,139 @@
+//! Barometers: the first that is heard leads, another one votes.
+
+use crate::altimeter::Channel;
+use crate::altimeter::atmosphere::pressure_altitude_m;
+use crate::sample::PressureSample;
+use crate::time::AutopilotTime;
+
+use super::super::context::Context;
+use super::super::height::HeightReading;
+use super::super::reset::Reset;
+use super::super::verdict::Reason;
+use super::status::SourceHealth;
+
+/// A pressure is carried to the present for this long, s.
+const LATE_S: f64 = 0.6;
+/// A barometer that is silent for this long has left its place to another, s.
+const SILENCE_S: f64 = 10.0;
+/// A barometer that tells exactly the same for this long, s, while the vehicle has climbed by this much, m, is stuck.
+const STUCK_S: f64 = 1.0;
+const STUCK_CLIMB_M: f64 = 1.5;
+
+/// The channels of the two that are listened to.
+const CHANNELS: [Channel; 2] = [Channel::Baro, Channel::SecondBaro];
+
+/// The same pressure, told again and again.
+#[derive(Clone, Copy, Debug)]
+struct Same {
+    since: AutopilotTime,
+    pressure_pa: f64,
+    /// Where the height was then, m, if it was known and has only been climbed from since.
+    height_m: Option<f64>,
+}
+
+/// One that is listened to.
+#[derive(Clone, Copy, Debug)]
+struct Barometer {
+    sensor: u8,
+    heard: AutopilotTime,
+    same: Same,
+    stuck: bool,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in super::super) struct BarometerSource {
+    barometers: [Option<Barometer>; 2],
+}
+
+/// A pressure as a height.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct BarometerReading {
+    pub(in super::super) reading: HeightReading,
+    /// The channel was another barometer's.
+    pub(in super::super) another: bool,
+    /// It can be used.
+    pub(in super::super) usable: Result<(), Reason>,
+}
+
+impl BarometerSource {
+    pub(in super::super) fn observe(
+        &mut self,
+        s: &PressureSample,
+        context: &Context<'_>,
+    ) -> Result<BarometerReading, Reason> {
+        let height_m = pressure_altitude_m(s.pressure_pa).ok_or(Reason::NotFinite)?;
+        let now = context.now().ok_or(Reason::NoReferenceYet)?;
+        let index = self.place(s).ok_or(Reason::Redundant)?;
+        let known = self.barometers[index].filter(|b| b.sensor == s.sensor);
+        if known.is_some_and(|b| s.time <= b.heard) {
+            return Err(Reason::OutOfOrder);
+        }
+        if context.is_late(s.time, LATE_S) {
+            return Err(Reason::Late);
+        }
+        let another = known.is_none() && self.barometers[index].is_some();
+        let estimated = context.core.height.height_m();
+        let barometer = known.map_or_else(|| Barometer::new(s, estimated), |b| b.told(s, estimated));
+        self.barometers[index] = Some(barometer);
+        let usable = if barometer.stuck {
+            Err(Reason::Stuck)
+        } else if context.core.surroundings.environment().is_none() {
+            // Before there is a place, a height has no zero.
+            Err(Reason::NoReferenceYet)
+        } else {
+            Ok(())
+        };
+        let age_s = now.seconds_since(s.time);
+        let reading = HeightReading { channel: CHANNELS[index], height_m, sigma_m: None, age_s };
+        Ok(BarometerReading { reading, another, usable })
+    }
+
+    /// Which of the two barometers a sample is of.
+    fn place(&self, s: &PressureSample) -> Option<usize> {
+        let has = |i: usize| self.barometers[i].is_some_and(|b| b.sensor == s.sensor);
+        let free = |i: usize| self.barometers[i].is_none_or(|b| s.time.seconds_since(b.heard) > SILENCE_S);
+        (0..2).find(|i| has(*i)).or_else(|| (0..2).find(|i| free(*i)))
+    }
+
+    /// The channel of a barometer, and whether it is stuck.
+    pub(super) fn channel(&self, sensor: u8) -> Option<(Channel, SourceHealth)> {
+        let index = self.barometers.iter().position(|b| b.is_some_and(|b| b.sensor == sensor))?;
+        let stuck = self.barometers[index].is_some_and(|b| b.stuck);
+        Some((CHANNELS[index], if stuck { SourceHealth::Faulty } else { SourceHealth::Healthy }))
+    }
+
+    /// The height has moved without a climb.
+    pub(in super::super) fn height_moved(&mut self) {
+        for barometer in self.barometers.iter_mut().flatten() {
+            barometer.same.height_m = None;
+        }
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        match reset {
+            Reset::OriginMoved(_) => self.height_moved(),
+            Reset::Reboot | Reset::ClockSetBack => *self = Self::default(),
+            Reset::Relocated | Reset::Bridged | Reset::StreamBroken => {}
+        }
+    }
+}
+
+impl Barometer {
+    fn new(s: &PressureSample, height_m: Option<f64>) -> Self {
+        let same = Same { since: s.time, pressure_pa: s.pressure_pa, height_m };
+        Self { sensor: s.sensor, heard: s.time, same, stuck: false }
+    }
+
+    /// With a sample that was just heard.
+    fn told(self, s: &PressureSample, height_m: Option<f64>) -> Self {
+        let Same { since, pressure_pa, height_m: then_m } = self.same;
+        if pressure_pa != s.pressure_pa {
+            return Self::new(s, height_m);
+        }
+        let climbed = height_m.zip(then_m).is_some_and(|(now, then)| (now - then).abs() > STUCK_CLIMB_M);
+        let stuck = self.stuck || (climbed && s.time.seconds_since(since) > STUCK_S);
+        let same = Same { height_m: then_m.or(height_m), ..self.same };
+        Self { heard: s.time, same, stuck, ..self }
+    }
+}

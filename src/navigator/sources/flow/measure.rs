@@ -1,0 +1,176 @@
+//! A flow as a velocity of the body, before its systematic errors are taken out.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use crate::camera::{FlowPatch, FlowRefusal, PatchNoise, single_patch};
+use crate::sample::{FlowRotation, FlowSample};
+use crate::time::{AutopilotTime, Span};
+
+use super::super::super::context::Context;
+use super::super::super::timeline::CORRECTED_S;
+use super::super::super::verdict::Reason;
+
+/// The interval that a flow rate without one is taken over, s.
+const RATE_INTERVAL_S: f64 = 0.05;
+/// How far a flow message's own distance may be from the height over ground, m, and as a part of it.
+const DISTANCE_TOLERANCE_M: f64 = 1.5;
+const DISTANCE_TOLERANCE: f64 = 0.3;
+/// Standard deviation of the height filter's climb rate, m/s.
+pub(super) const CLIMB_SIGMA_MPS: f64 = 0.3;
+/// Distance noise, m: the calibration learns the scale.
+pub(super) const DISTANCE_SIGMA_M: f64 = 0.05;
+
+/// The middle of a flow's interval.
+pub(super) struct FlowMoment {
+    pub(super) time: AutopilotTime,
+    pub(super) r_body_to_ned: Matrix3<f64>,
+    /// Mean over the interval, bias removed.
+    pub(super) rate_body: Vector3<f64>,
+}
+
+/// A flow velocity before calibration.
+pub(in super::super::super) struct FlowVelocity {
+    pub(in super::super::super) time: AutopilotTime,
+    pub(in super::super::super) r_body_to_ned: Matrix3<f64>,
+    /// Body x and y, m/s.
+    pub(in super::super::super) v_xy: Vector2<f64>,
+    pub(in super::super::super) noise: Matrix2<f64>,
+    /// Body z and its variance, where the image observes it by itself.
+    pub(super) v_z: Option<(f64, f64)>,
+    pub(in super::super::super) interval_s: f64,
+    /// The distance came from a rangefinder.
+    pub(in super::super::super) ranged: bool,
+}
+
+impl FlowVelocity {
+    /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate; body z is weighted with the image's own
+    /// where it observes that.
+    pub(super) fn in_body(&self, v_xy: &Vector2<f64>, climb_mps: f64) -> Vector3<f64> {
+        let down = self.r_body_to_ned.row(2);
+        let v_down = -climb_mps;
+        let z = (v_down - down[0] * v_xy.x - down[1] * v_xy.y) / down[2].max(0.1);
+        let z = self.v_z.map_or(z, |(own, variance)| {
+            let climb = CLIMB_SIGMA_MPS * CLIMB_SIGMA_MPS;
+            (own * climb + z * variance) / (climb + variance)
+        });
+        Vector3::new(v_xy.x, v_xy.y, z)
+    }
+}
+
+/// When a flow was really measured, and how the body stood and turned then.
+pub(super) fn moment(
+    stamp: AutopilotTime,
+    interval: Span,
+    delay_s: f64,
+    context: &Context<'_>,
+) -> Result<FlowMoment, Reason> {
+    let end = stamp - Span::from_seconds(delay_s);
+    let begin = end - interval;
+    let middle = end - Span::from_micros(interval.micros() / 2);
+    let newest = context.now().ok_or(Reason::NoReferenceYet)?;
+    // A sample a little ahead of the IMU stream is as good as its newest attitude.
+    let time = middle.min(newest);
+    if newest.seconds_since(time) > CORRECTED_S {
+        return Err(Reason::Late);
+    }
+    let timeline = &context.core.timeline;
+    let r_body_to_ned = timeline.attitude(time).ok_or(Reason::NoReferenceYet)?;
+    let rate_body = timeline
+        .mean_rate(begin.min(newest), end.min(newest))
+        .unwrap_or(context.core.attitude.angular_rate_body);
+    Ok(FlowMoment { time, r_body_to_ned, rate_body })
+}
+
+/// Distance along the optical axis if it is measured, and else the height over ground. The rangefinder's own message comes with
+/// limits and is checked; the distance in the flow's message is taken only where there is no rangefinder, and where it does not
+/// contradict the height.
+pub(super) fn distance(s: &FlowSample, cosine: f64, context: &Context<'_>) -> (Option<f64>, Option<f64>) {
+    let (core, facts) = (context.core, &context.facts);
+    let height = core.height.height_m().zip(facts.ground_m).map(|(height, ground)| height - ground);
+    let ranged = facts.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < core.settings.range_max_age_s);
+    let measured = match ranged {
+        // The beam points along body z.
+        Some((_, d)) => Some(d * core.attitude.r_body_to_ned[(2, 2)] / cosine.max(0.1)),
+        None => s.distance_m.filter(|d| {
+            height.is_none_or(|h| (d * cosine - h).abs() < DISTANCE_TOLERANCE_M.max(DISTANCE_TOLERANCE * h))
+        }),
+    };
+    (measured, height)
+}
+
+/// The flow of one patch as velocity: v_x = d·(ω_flow,y − ω_y), v_y = −d·(ω_flow,x − ω_x) at the camera (spec of OPTICAL_FLOW_RAD), turned
+/// to body axes and moved to the IMU. The vertical component, which one patch does not see, is the height filter's climb rate.
+pub(super) fn of_patch(
+    s: &FlowSample,
+    interval_s: f64,
+    delay_s: f64,
+    context: &Context<'_>,
+) -> Result<FlowVelocity, Reason> {
+    let settings = &context.core.settings.flow;
+    let [rate_x, rate_y] = s.rate_xy;
+    if !(rate_x.is_finite() && rate_y.is_finite() && s.quality.is_finite()) {
+        return Err(Reason::NotFinite);
+    }
+    let FlowMoment { time, r_body_to_ned: r, rate_body } = moment(s.time, s.interval, delay_s, context)?;
+    let mount = &settings.mount;
+    let (distance_m, height_m) = distance(s, mount.cos_tilt(&r), context);
+    // A message that gives a rate is a flow over any interval.
+    let dt = if s.interval > Span::ZERO { s.interval.seconds() } else { RATE_INTERVAL_S };
+    let rate_camera = mount.r_body_to_camera * rate_body;
+    let rotation = match s.rotation {
+        FlowRotation::SensorGyro([x, y]) => Vector2::new(x, y),
+        FlowRotation::Contained => rate_camera.xy(),
+        FlowRotation::Removed => Vector2::zeros(),
+    };
+    let patch = FlowPatch {
+        integration_time_s: dt,
+        flow_rad: Vector2::new(rate_x, rate_y) * dt,
+        rotation_rad: rotation * dt,
+        body_rate: rate_body,
+        distance_m,
+        height_m,
+        quality: s.quality,
+    };
+    let noise = PatchNoise {
+        flow_rad: settings.rate_noise_radps * dt,
+        rotation_rad: 0.0,
+        distance_m: DISTANCE_SIGMA_M,
+        distance_fraction: 0.0,
+    };
+    let seen = single_patch::solve(&patch, mount, &r, &settings.limits, &noise)?;
+    // Two rows from the camera, one from the climb rate.
+    let c = &seen.body_to_measurement;
+    let rows = Matrix3::from_rows(&[c.row(0).into_owned(), c.row(1).into_owned(), r.row(2).into_owned()]);
+    let v = &seen.velocity_camera;
+    let right = Vector3::new(v.x, v.y, -context.core.height.climb_mps());
+    let v_body = rows.try_inverse().ok_or(Reason::Tilt)? * right;
+    if !v_body.iter().all(|v| v.is_finite()) {
+        return Err(Reason::NotFinite);
+    }
+    Ok(FlowVelocity {
+        time,
+        r_body_to_ned: r,
+        v_xy: v_body.xy(),
+        noise: seen.covariance,
+        v_z: None,
+        interval_s,
+        ranged: distance_m.is_some(),
+    })
+}
+
+impl From<FlowRefusal> for Reason {
+    fn from(refusal: FlowRefusal) -> Self {
+        match refusal {
+            FlowRefusal::NotFinite => Reason::NotFinite,
+            FlowRefusal::IntegrationTime(_)
+            | FlowRefusal::Distance(_)
+            | FlowRefusal::Height(_)
+            | FlowRefusal::FocalLength(_) => Reason::OutOfRange,
+            FlowRefusal::Quality(_) => Reason::LowQuality,
+            FlowRefusal::Tilt(_) | FlowRefusal::Horizon => Reason::Tilt,
+            FlowRefusal::DistanceMissing => Reason::NoDistance,
+            FlowRefusal::TooFew(_) | FlowRefusal::Rank(_) | FlowRefusal::Condition(_) => Reason::Unobservable,
+            FlowRefusal::Residual(_) | FlowRefusal::Consensus { .. } => Reason::Inconsistent,
+        }
+    }
+}

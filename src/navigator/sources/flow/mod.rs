@@ -1,0 +1,445 @@
+//! Optical flow: compared with GNSS while there is GNSS, the carrier of the velocity when there is none.
+
+mod image;
+mod measure;
+
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector3};
+
+use crate::camera::{Distrust, FlowCalibration};
+use crate::observer::fusini::update_flow_bias;
+use crate::observer::{FixSample, FusiniBiases, ObserverState};
+use crate::sample::FlowSample;
+use crate::time::AutopilotTime;
+
+use super::super::context::Context;
+use super::super::event::EventKind;
+use super::super::monitor::outage::CarriedBy;
+use super::super::observation::Observation;
+use super::super::reset::Reset;
+use super::super::settings::{Estimator, FlowBiasSource, FlowSettings};
+use super::super::solution::Mode;
+use super::super::verdict::Reason;
+use super::latency::FlowLatency;
+use super::status::SourceHealth;
+use image::ImageAssembly;
+pub(in super::super) use image::PatchArrival;
+pub(in super::super) use measure::FlowVelocity;
+
+/// Sensors (or cameras of patches) that are told apart.
+const MAX_SENSORS: usize = 8;
+/// Flow innovations beyond this many sigmas are outliers …
+const GATE_SIGMA: f64 = 5.0;
+/// … unless they go on for this long, s: then it is the velocity that is wrong.
+const RELOCK_S: f64 = 1.0;
+/// No camera sees the ground move faster, rad/s.
+const FASTEST_RADPS: f64 = 100.0;
+/// A flow that tells the same for this long is stuck, s.
+const STUCK_S: f64 = 0.3;
+/// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
+const LATENCY_STEP_S: f64 = 0.04;
+/// The interval taken for the first sample, and the longest that a sample may stand for, s.
+const FIRST_INTERVAL_S: f64 = 0.05;
+const LONGEST_INTERVAL_S: f64 = 1.0;
+/// What the observers' signal is wrong by beyond the flow's noise, m/s, squared.
+const SIGNAL_VARIANCE: f64 = 1.0;
+
+/// One flow sensor.
+#[derive(Clone, Debug)]
+pub(in super::super) struct FlowSensor {
+    id: u8,
+    calibration: FlowCalibration,
+    /// The velocity bias as Fusini finds it, where that is wanted instead of the calibration.
+    biases: FusiniBiases,
+    trust: Result<(), Distrust>,
+    latency: FlowLatency,
+    last: Option<AutopilotTime>,
+    outliers_s: f64,
+    /// Since when it has told the same, and what.
+    same: Option<(AutopilotTime, [f64; 2])>,
+}
+
+impl FlowSensor {
+    fn new(id: u8, settings: &FlowSettings) -> Self {
+        Self {
+            id,
+            calibration: FlowCalibration::new(settings.calibration),
+            biases: FusiniBiases::default(),
+            trust: Err(Distrust::NotCompared),
+            latency: FlowLatency::new(settings.delay_s, settings.delay_sigma_s),
+            last: None,
+            outliers_s: 0.0,
+            same: None,
+        }
+    }
+
+    /// Whether it has told the same numbers for longer than noise lets it. Zero is what sensors tell that see nothing move.
+    fn repeats(&mut self, s: &FlowSample) -> bool {
+        match self.same {
+            Some((since, rate)) if rate == s.rate_xy => {
+                rate != [0.0; 2] && s.time.seconds_since(since) > STUCK_S
+            }
+            _ => {
+                self.same = Some((s.time, s.rate_xy));
+                false
+            }
+        }
+    }
+
+    /// Time since its last sample, s.
+    fn interval_s(&self, stamp: AutopilotTime) -> f64 {
+        self.last.map_or(FIRST_INTERVAL_S, |t| stamp.seconds_since(t)).min(LONGEST_INTERVAL_S)
+    }
+
+    /// The flow velocity as the observers are to see it, body x and y, m/s.
+    fn corrected(&self, v_xy: &Vector2<f64>, form: FlowBiasSource) -> Vector2<f64> {
+        match form {
+            FlowBiasSource::Calibration => self.calibration.correct(v_xy),
+            FlowBiasSource::Body | FlowBiasSource::AsPrinted => v_xy - self.biases.flow_velocity.xy(),
+        }
+    }
+
+    fn observation(&self, m: &FlowVelocity, form: FlowBiasSource) -> Observation {
+        Observation::Flow {
+            measured: m.time,
+            v_xy: m.v_xy,
+            corrected_xy: self.corrected(&m.v_xy, form),
+            r_body_to_ned: m.r_body_to_ned,
+            covariance: m.noise * self.calibration.noise_factor(),
+        }
+    }
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub(in super::super) struct FlowSource {
+    sensors: Vec<FlowSensor>,
+    pub(in super::super) image: ImageAssembly,
+    /// Corrected flow velocity in body axes, for the velocity triad, and its time.
+    velocity_body: Option<(AutopilotTime, Vector3<f64>)>,
+}
+
+/// What is to be measured.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) enum FlowInput<'a> {
+    /// A sensor's own velocity.
+    Patch(&'a FlowSample),
+    /// The image that has been gathered.
+    Image,
+}
+
+/// What a comparison with GNSS gives.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Comparison {
+    /// For the estimator, if this is the sensor that it uses.
+    pub(in super::super) observation: Option<Observation>,
+    /// Trust was won or lost.
+    pub(in super::super) event: Option<EventKind>,
+}
+
+/// A flow velocity that is to carry.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Carry {
+    /// For the estimator, if this is the sensor that it uses.
+    pub(in super::super) observation: Option<Observation>,
+    /// It is an outlier where it does not fit; else, after so many of them, it is the velocity that is wrong.
+    pub(in super::super) patient: bool,
+    /// For the observers' signal.
+    pub(in super::super) signal: FixSample,
+    pub(in super::super) v_body: Vector3<f64>,
+    /// Innovations of the signal beyond this are outliers, m/s.
+    pub(in super::super) gate_mps: f64,
+    /// For the error budget.
+    pub(in super::super) by: CarriedBy,
+}
+
+impl FlowSource {
+    pub(super) fn new() -> Self {
+        Self { sensors: Vec::new(), image: ImageAssembly::new(), velocity_body: None }
+    }
+
+    /// The newest corrected flow velocity, body, m/s.
+    pub(super) fn velocity_body(&self) -> Option<(AutopilotTime, Vector3<f64>)> {
+        self.velocity_body
+    }
+
+    /// A velocity that carries, or shows a direction.
+    pub(in super::super) fn set_velocity_body(&mut self, time: AutopilotTime, v_body: Vector3<f64>) {
+        self.velocity_body = Some((time, v_body));
+    }
+
+    /// Tests that need no context: a number at all, and no more than a camera sees.
+    pub(in super::super) fn admit(&self, s: &FlowSample, settings: &FlowSettings) -> Result<(), Reason> {
+        if !settings.enabled {
+            return Err(Reason::SwitchedOff);
+        }
+        // Squares of what is far beyond any sensor would overflow.
+        if s.rate_xy.iter().any(|rate| rate.is_finite() && rate.abs() > FASTEST_RADPS) {
+            return Err(Reason::OutOfRange);
+        }
+        Ok(())
+    }
+
+    /// The sensor of a sample that is no patch of an image, if it is in order and does not repeat itself.
+    pub(in super::super) fn sensor_of(
+        &mut self,
+        s: &FlowSample,
+        settings: &FlowSettings,
+    ) -> Result<usize, Reason> {
+        let index = self.sensor(s.sensor, settings).ok_or(Reason::Redundant)?;
+        if self.sensors[index].last.is_some_and(|t| s.time <= t) {
+            return Err(Reason::OutOfOrder);
+        }
+        if self.sensors[index].repeats(s) {
+            return Err(Reason::Stuck);
+        }
+        Ok(index)
+    }
+
+    /// The place of a sensor among those that are told apart; `None` when there are too many.
+    pub(in super::super) fn sensor(&mut self, id: u8, settings: &FlowSettings) -> Option<usize> {
+        match self.sensors.iter().position(|f| f.id == id) {
+            Some(i) => Some(i),
+            None if self.sensors.len() < MAX_SENSORS => {
+                self.sensors.push(FlowSensor::new(id, settings));
+                Some(self.sensors.len() - 1)
+            }
+            None => None,
+        }
+    }
+
+    /// A sensor's id.
+    pub(in super::super) fn id(&self, index: usize) -> u8 {
+        self.sensors[index].id
+    }
+
+    /// A flow with this stamp as a velocity. With GNSS the sensor's latency is learned on the way.
+    pub(in super::super) fn observe(
+        &mut self,
+        stamp: AutopilotTime,
+        index: usize,
+        input: FlowInput<'_>,
+        context: &Context<'_>,
+    ) -> Result<FlowVelocity, Reason> {
+        let interval_s = self.sensors[index].interval_s(stamp);
+        let delay_s = self.sensors[index].latency.latency_s();
+        let measured = self.measure(stamp, interval_s, delay_s, input, context)?;
+        if context.core.mode == Mode::Aided && self.sensors[index].latency.learns() {
+            match self.measure(stamp, interval_s, delay_s + LATENCY_STEP_S, input, context) {
+                Ok(earlier) => self.learn_latency(&measured, &earlier, index, context),
+                Err(_) => self.sensors[index].latency.interrupt(),
+            }
+        }
+        self.sensors[index].last = Some(stamp);
+        Ok(measured)
+    }
+
+    fn measure(
+        &self,
+        stamp: AutopilotTime,
+        interval_s: f64,
+        delay_s: f64,
+        input: FlowInput<'_>,
+        context: &Context<'_>,
+    ) -> Result<FlowVelocity, Reason> {
+        match input {
+            FlowInput::Patch(s) => measure::of_patch(s, interval_s, delay_s, context),
+            FlowInput::Image => self.image.measure(stamp, interval_s, delay_s, context),
+        }
+    }
+
+    /// How flow and GNSS differ, and how that would change if the flow were older.
+    fn learn_latency(
+        &mut self,
+        now: &FlowVelocity,
+        earlier: &FlowVelocity,
+        index: usize,
+        context: &Context<'_>,
+    ) {
+        let age = now.time.seconds_since(earlier.time);
+        let velocities = gnss_velocity(now, context).zip(gnss_velocity(earlier, context));
+        let Some((v_now, v_earlier)) = velocities else { return };
+        if age < 0.5 * LATENCY_STEP_S {
+            return;
+        }
+        let sensor = &mut self.sensors[index];
+        let residual = now.v_xy - v_now - FlowCalibration::jacobian(&v_now) * sensor.calibration.estimate();
+        let by_latency = ((earlier.v_xy - v_earlier) - (now.v_xy - v_now)) / age;
+        let variance = 0.5 * now.noise.trace() * sensor.calibration.noise_factor();
+        sensor.latency.observe(now.time, &residual, &by_latency, variance);
+    }
+
+    /// While aligning without a magnetometer the flow is the only horizontal direction in body axes.
+    pub(in super::super) fn hold_direction(&mut self, m: &FlowVelocity, index: usize, context: &Context<'_>) {
+        let form = context.core.settings.observer.flow_bias;
+        let corrected = self.sensors[index].corrected(&m.v_xy, form);
+        self.set_velocity_body(m.time, m.in_body(&corrected, context.core.height.climb_mps()));
+    }
+
+    /// GNSS is there: the sensor is compared with it.
+    pub(in super::super) fn compare(
+        &mut self,
+        m: &FlowVelocity,
+        index: usize,
+        context: &Context<'_>,
+    ) -> Result<Comparison, Reason> {
+        self.hold_direction(m, index, context);
+        let nothing = Comparison { observation: None, event: None };
+        let (core, facts) = (context.core, &context.facts);
+        let v_gnss = gnss_velocity(m, context).ok_or(Reason::NoReferenceYet)?;
+        // While an observer still finds its heading from this very flow, its error would be learned as the flow's misalignment.
+        let since = core.estimator.observer().alignment.seconds_since_attitude(m.time);
+        let settled = since > core.settings.observer.start_s;
+        if !core.estimator.has_error_state() && facts.magnetic.is_none() && !settled {
+            return Ok(nothing);
+        }
+        self.filter_bias(m, index, context);
+        let lasting = heading_doubt(&v_gnss, context);
+        let sensor = &mut self.sensors[index];
+        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, &lasting, m.interval_s);
+        let trust = sensor.calibration.trust();
+        let changed = std::mem::replace(&mut sensor.trust, trust) != trust;
+        let id = sensor.id;
+        let event =
+            trust.map_or_else(|why| EventKind::FlowDistrusted(id, why), |()| EventKind::FlowTrusted(id));
+        Ok(Comparison {
+            observation: self.observation(m, index, core.settings.observer.flow_bias),
+            event: changed.then_some(event),
+        })
+    }
+
+    /// For the estimator, if this is the sensor that it uses: the first that is trusted.
+    fn observation(&self, m: &FlowVelocity, index: usize, form: FlowBiasSource) -> Option<Observation> {
+        (self.carrier() == Some(index)).then(|| self.sensors[index].observation(m, form))
+    }
+
+    /// GNSS is gone: the flow is to carry the velocity.
+    pub(in super::super) fn carry(
+        &self,
+        m: &FlowVelocity,
+        index: usize,
+        context: &Context<'_>,
+    ) -> Result<Carry, Reason> {
+        let settings = &context.core.settings;
+        if settings.estimator == Estimator::Inertial {
+            return Err(Reason::SwitchedOff);
+        }
+        let sensor = &self.sensors[index];
+        sensor.trust?;
+        let form = settings.observer.flow_bias;
+        let corrected = sensor.corrected(&m.v_xy, form);
+        let v_body = m.in_body(&corrected, context.core.height.climb_mps());
+        let v_ned = m.r_body_to_ned * v_body;
+        let noise = m.noise * sensor.calibration.noise_factor();
+        Ok(Carry {
+            observation: self.observation(m, index, form),
+            patient: sensor.outliers_s < RELOCK_S,
+            signal: FixSample {
+                stamp: m.time,
+                position_ned: [None; 3],
+                velocity_ned: [Some(v_ned.x), Some(v_ned.y), None],
+            },
+            v_body,
+            gate_mps: GATE_SIGMA * (noise.trace() + SIGNAL_VARIANCE).sqrt(),
+            by: CarriedBy {
+                interval_s: m.interval_s,
+                r_body_to_ned: m.r_body_to_ned,
+                jacobian: FlowCalibration::jacobian(&corrected),
+                v_ne: v_ned.xy(),
+                noise_density: 0.5 * noise.trace() * m.interval_s,
+                ranged: m.ranged,
+            },
+        })
+    }
+
+    /// A sample did not fit: an outlier.
+    pub(in super::super) fn outlier(&mut self, index: usize, interval_s: f64) {
+        self.sensors[index].outliers_s += interval_s;
+    }
+
+    /// A sample carried.
+    pub(in super::super) fn carried(&mut self, index: usize, time: AutopilotTime, v_body: Vector3<f64>) {
+        self.sensors[index].outliers_s = 0.0;
+        self.set_velocity_body(time, v_body);
+    }
+
+    /// The sensor that the estimator uses: the first that is trusted.
+    pub(super) fn carrier(&self) -> Option<usize> {
+        self.sensors.iter().position(|f| f.trust.is_ok())
+    }
+
+    /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
+    fn filter_bias(&mut self, m: &FlowVelocity, index: usize, context: &Context<'_>) {
+        let core = context.core;
+        let observer = core.estimator.observer();
+        let settings = &core.settings.observer;
+        if settings.flow_bias == FlowBiasSource::Calibration || observer.starting(m.time, core.mode, settings)
+        {
+            return;
+        }
+        let Some((state, (_, v_ned))) = observer.state().zip(observer.predicted(m.time)) else { return };
+        let then = ObserverState { r_hat: m.r_body_to_ned, ..*state };
+        let v_ned = Vector3::new(v_ned.x, v_ned.y, -core.height.climb_mps());
+        let v_body = m.in_body(&m.v_xy, core.height.climb_mps());
+        let biases = &mut self.sensors[index].biases;
+        update_flow_bias(observer.fusini(), &then, biases, &v_body, &v_ned, m.interval_s);
+    }
+
+    /// The covariance of [b_x, b_y, s, μ] of the sensor that will carry.
+    pub(in super::super) fn calibration_covariance(&self, settings: &FlowSettings) -> Matrix4<f64> {
+        let carrier = self.carrier().map(|i| *self.sensors[i].calibration.covariance());
+        carrier.unwrap_or_else(|| *FlowCalibration::new(settings.calibration).covariance())
+    }
+
+    /// The sensors with their calibration [b_x, b_y, s, μ] and whether they are trusted.
+    pub(in super::super) fn calibrations(
+        &self,
+    ) -> impl Iterator<Item = (u8, &FlowCalibration, Result<(), Distrust>)> {
+        self.sensors.iter().map(|f| (f.id, &f.calibration, f.trust))
+    }
+
+    /// Latencies in force, s, with their standard deviations, by sensor id.
+    pub(in super::super) fn latencies_s(&self) -> impl Iterator<Item = (u8, f64, f64)> {
+        self.sensors.iter().map(|f| (f.id, f.latency.latency_s(), f.latency.sigma_s()))
+    }
+
+    /// What is known against a sensor; a patch is as good as its camera.
+    pub(super) fn health(&self, id: u8) -> SourceHealth {
+        match self.sensors.iter().find(|f| f.id == id).map(|f| f.trust) {
+            Some(Ok(())) => SourceHealth::Healthy,
+            Some(Err(Distrust::NotCompared)) | None => SourceHealth::Suspect,
+            Some(Err(_)) => SourceHealth::Faulty,
+        }
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        if reset.breaks_motion() {
+            self.velocity_body = None;
+        }
+        // Stamps begin anew; what the sensors are worth stays known.
+        if reset.reboots() {
+            for sensor in &mut self.sensors {
+                sensor.last = None;
+                sensor.same = None;
+                sensor.latency.interrupt();
+            }
+            self.image.clear();
+        }
+    }
+}
+
+/// The velocity that GNSS gives when the flow was measured, body x and y, m/s.
+fn gnss_velocity(m: &FlowVelocity, context: &Context<'_>) -> Option<Vector2<f64>> {
+    let (_, v_ned) = context.core.estimator.observer().predicted(m.time)?;
+    let v_ned = Vector3::new(v_ned.x, v_ned.y, -context.core.height.climb_mps());
+    Some(m.r_body_to_ned.tr_mul(&v_ned).xy())
+}
+
+/// What the doubt about the heading does to the GNSS velocity in body axes: covariance, m²/s². Observers without a magnetometer have
+/// their heading from this very flow: whatever it is turned by, they agree with it.
+fn heading_doubt(v_gnss: &Vector2<f64>, context: &Context<'_>) -> Matrix2<f64> {
+    let (core, facts) = (context.core, &context.facts);
+    let across = Vector2::new(-v_gnss.y, v_gnss.x);
+    let known = !core.estimator.has_error_state() && facts.magnetic.is_some();
+    let variance = if known { 0.0 } else { core.attitude_variance(facts).z };
+    across * across.transpose() * variance
+}

@@ -1,0 +1,233 @@
+//! GNSS receivers: which one is listened to, how old its fixes are, and what a fix is compared with.
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::observer::{FixSample, Innovation};
+use crate::sample::{GnssFix, GnssSample};
+use crate::time::{AutopilotTime, Span};
+
+use super::super::context::Context;
+use super::super::monitor::gnss_integrity::{FixInnovation, GnssFault};
+use super::super::reset::Reset;
+use super::super::settings::GnssSettings;
+use super::super::timeline::CORRECTED_S;
+use super::latency::LatencyEstimator;
+
+/// Another receiver takes over when the one in use had no fix for this long, s.
+const RECEIVER_SILENCE_S: f64 = 1.0;
+/// A receiver's speed is not believed better than this, m/s.
+const LEAST_SPEED_SIGMA: f64 = 0.15;
+/// On the way back a speed without a claim is known to this, m/s.
+const UNCLAIMED_SPEED_SIGMA: f64 = 0.3;
+/// The latency of a fix varies by this much, s: at speed, a distance.
+const LATENCY_JITTER_S: f64 = 0.1;
+/// Vertical over horizontal accuracy of a receiver that claims none.
+pub(in super::super) const VERTICAL_RATIO: f64 = 1.5;
+/// What a receiver claims is followed by this part a fix.
+const CLAIM_GAIN: f64 = 0.1;
+
+/// What a sample's receiver is to the one that is listened to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in super::super) enum Receiver {
+    /// The same.
+    Same,
+    /// It takes over.
+    Another,
+    /// It waits.
+    Redundant,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub(in super::super) struct GnssSource {
+    receiver: u8,
+    heard: Option<AutopilotTime>,
+    pub(in super::super) latency: LatencyEstimator,
+    /// Horizontal standard deviation as the receiver claims it of late, m.
+    sigma_m: f64,
+}
+
+/// A fix in the local frame, and what was expected of it.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct FixReading {
+    /// When it was measured.
+    pub(in super::super) measured: AutopilotTime,
+    /// NED, m.
+    pub(in super::super) position_ned: Vector3<f64>,
+    /// NE, m/s, if the fix has one.
+    pub(in super::super) velocity_ne: Option<Vector2<f64>>,
+    /// Against the measurement signal.
+    pub(in super::super) innovation: Innovation,
+    /// Against the estimate of its time: the filter's, or in dead reckoning the observer's; with GNSS the observer follows the measurement
+    /// signal. NE, m and m/s.
+    pub(in super::super) position_error: Vector2<f64>,
+    pub(in super::super) velocity_error: Option<Vector2<f64>>,
+    /// Horizontal and vertical standard deviation that it claims, m.
+    pub(in super::super) claimed_m: f64,
+    pub(in super::super) vertical_sigma_m: f64,
+    /// Of the speed, as claimed, m/s.
+    speed_claimed_mps: Option<f64>,
+}
+
+impl FixReading {
+    /// Standard deviations of position and velocity where it is one of many.
+    pub(in super::super) fn sigma(&self) -> [f64; 2] {
+        [self.claimed_m, self.speed_claimed_mps.unwrap_or(0.0).max(LEAST_SPEED_SIGMA)]
+    }
+
+    /// The same where it is the first after an outage.
+    pub(in super::super) fn sigma_on_return(&self) -> [f64; 2] {
+        [self.claimed_m, self.speed_claimed_mps.unwrap_or(UNCLAIMED_SPEED_SIGMA)]
+    }
+}
+
+impl GnssSource {
+    pub(super) fn new(settings: &GnssSettings) -> Self {
+        Self {
+            receiver: 0,
+            heard: None,
+            latency: LatencyEstimator::new(settings.delay_s, settings.delay_sigma_s),
+            sigma_m: settings.default_accuracy_m,
+        }
+    }
+
+    /// Horizontal standard deviation, m.
+    pub(super) fn sigma_m(&self) -> f64 {
+        self.sigma_m
+    }
+
+    /// The receiver that is listened to.
+    pub(in super::super) fn receiver(&self) -> u8 {
+        self.receiver
+    }
+
+    /// Whether this sample's receiver is listened to.
+    pub(in super::super) fn select(&mut self, s: &GnssSample) -> Receiver {
+        if s.receiver == self.receiver {
+            return Receiver::Same;
+        }
+        let silent = self.heard.is_none_or(|t| s.time.seconds_since(t) > RECEIVER_SILENCE_S);
+        if !silent || s.fix < GnssFix::ThreeD {
+            return Receiver::Redundant;
+        }
+        self.receiver = s.receiver;
+        self.latency.interrupt();
+        Receiver::Another
+    }
+
+    /// It had a fix.
+    pub(in super::super) fn had_fix(&mut self, s: &GnssSample) {
+        self.heard = Some(s.time);
+    }
+
+    /// When a fix was measured.
+    ///
+    /// # Errors
+    /// [`GnssFault::Untimely`] when that is longer ago than corrections are carried back.
+    pub(in super::super) fn measured(
+        &self,
+        now: AutopilotTime,
+        s: &GnssSample,
+    ) -> Result<AutopilotTime, GnssFault> {
+        let measured = s.time - Span::from_seconds(self.latency.latency_s());
+        if now.seconds_since(measured) > CORRECTED_S { Err(GnssFault::Untimely) } else { Ok(measured) }
+    }
+
+    /// A fix of `measured`, compared with what was expected. The predictor has to run.
+    ///
+    /// # Errors
+    /// [`GnssFault::Untimely`] when nothing is remembered of its time.
+    pub(in super::super) fn observe(
+        &self,
+        s: &GnssSample,
+        measured: AutopilotTime,
+        position_ned: Vector3<f64>,
+        context: &Context<'_>,
+    ) -> Result<FixReading, GnssFault> {
+        let settings = &context.core.settings;
+        let v = s.ground_velocity.map(|g| g.north_east());
+        let mut sample = FixSample::position(measured, &position_ned).without_vertical_position();
+        if let Some((north, east)) = v.filter(|_| settings.observer.gnss_velocity) {
+            sample = sample.with_horizontal_velocity(north, east);
+        }
+        let innovation = context.core.estimator.observer().predictor().innovation(&sample);
+        let innovation = innovation.ok_or(GnssFault::Untimely)?;
+        let velocity_ne = v.map(|(north, east)| Vector2::new(north, east));
+        let (position_error, velocity_error) =
+            errors(&innovation, measured, &position_ned, velocity_ne, context);
+        let claimed_m = s.horizontal_accuracy_m.unwrap_or(settings.gnss.default_accuracy_m);
+        Ok(FixReading {
+            measured,
+            position_ned,
+            velocity_ne,
+            innovation,
+            position_error,
+            velocity_error,
+            claimed_m,
+            vertical_sigma_m: s.vertical_accuracy_m.unwrap_or(claimed_m * VERTICAL_RATIO),
+            speed_claimed_mps: s.speed_accuracy_mps,
+        })
+    }
+
+    /// The fix passed every test: what it claims is what the receiver is worth.
+    pub(in super::super) fn accepted(&mut self, reading: &FixReading) {
+        self.sigma_m += CLAIM_GAIN * (reading.claimed_m - self.sigma_m);
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        if reset.breaks_motion() || *reset == Reset::Bridged {
+            self.latency.interrupt();
+        }
+        if reset.sets_clock_back() {
+            self.heard = None;
+        }
+    }
+}
+
+/// Horizontal position and velocity errors of a fix against the estimate at its time.
+fn errors(
+    innovation: &Innovation,
+    measured: AutopilotTime,
+    p: &Vector3<f64>,
+    v: Option<Vector2<f64>>,
+    context: &Context<'_>,
+) -> (Vector2<f64>, Option<Vector2<f64>>) {
+    let core = context.core;
+    if core.estimator.is_filtered()
+        && let Some((past_p, past_v)) = core.timeline.motion(measured).or_else(|| core.estimator.estimate())
+    {
+        return ((p - past_p).xy(), v.map(|v| v - past_v.xy()));
+    }
+    let observer = core.estimator.observer();
+    let lag = match (observer.predictor().latest(), observer.state()) {
+        (Some(w), Some(state)) if core.dead_reckoning() => (w.position_ned - state.position_ned).xy(),
+        _ => Vector2::zeros(),
+    };
+    let position = horizontal(&innovation.position_ned).map_or(Vector2::zeros(), |e| e + lag);
+    (position, horizontal(&innovation.velocity_ned))
+}
+
+/// How far the fix lies from what was expected, and how well that was known.
+pub(in super::super) fn expectation(reading: &FixReading, context: &Context<'_>) -> FixInnovation {
+    let (core, facts) = (context.core, &context.facts);
+    let (mut position_sigma_m, mut velocity_sigma_mps) = (0.0, 0.0);
+    if let Some((_, v)) = core.estimator.estimate() {
+        position_sigma_m = v.xy().norm() * LATENCY_JITTER_S;
+        if core.dead_reckoning() {
+            let (p, v) = core.covariances(facts);
+            position_sigma_m = (p[(0, 0)] + p[(1, 1)]).max(0.0).sqrt().hypot(position_sigma_m);
+            velocity_sigma_mps = (v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt();
+        }
+    }
+    FixInnovation {
+        position_m: reading.position_error.norm(),
+        velocity_mps: reading.velocity_error.map(|e| e.norm()),
+        position_sigma_m,
+        velocity_sigma_mps,
+    }
+}
+
+/// North and east, if both are there.
+pub(in super::super) fn horizontal(v: &[Option<f64>; 3]) -> Option<Vector2<f64>> {
+    Some(Vector2::new(v[0]?, v[1]?))
+}

@@ -1,0 +1,113 @@
+//! The magnetometer: heard while its field has the strength of the place, and while it turns when the vehicle does.
+
+use nalgebra::Vector3;
+
+use crate::sample::MagSample;
+use crate::time::{AutopilotTime, Span};
+
+use super::super::context::Context;
+use super::super::observation::Observation;
+use super::super::reset::Reset;
+use super::super::timeline::Timeline;
+use super::super::verdict::Reason;
+use super::LATE_S;
+use super::status::SourceHealth;
+
+/// A magnetometer that tells the same for this long, s (a slow one is told several times), while the vehicle has turned by this much, rad,
+/// beyond this rate, rad/s, within so long, s, is stuck.
+const STUCK_S: f64 = 0.3;
+const STUCK_TURN: f64 = 0.03;
+const STUCK_RATE: f64 = 0.02;
+const STUCK_LOOK_S: f64 = 2.0;
+
+/// The same field, told again and again.
+#[derive(Clone, Copy, Debug)]
+struct Same {
+    since: AutopilotTime,
+    field: Vector3<f64>,
+    /// While the vehicle turned: it is stuck.
+    stuck: bool,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in super::super) struct MagnetometerSource {
+    newest: Option<(AutopilotTime, Vector3<f64>)>,
+    same: Option<Same>,
+}
+
+impl MagnetometerSource {
+    /// The newest field, body, T.
+    pub(super) fn newest(&self) -> Option<(AutopilotTime, Vector3<f64>)> {
+        self.newest
+    }
+
+    pub(in super::super) fn observe(
+        &mut self,
+        s: &MagSample,
+        context: &Context<'_>,
+    ) -> Result<Observation, Reason> {
+        let settings = &context.core.settings;
+        if !settings.magnetometer {
+            return Err(Reason::SwitchedOff);
+        }
+        let norm = s.field_body.norm();
+        if !norm.is_finite() {
+            return Err(Reason::NotFinite);
+        }
+        if self.newest.is_some_and(|(t, _)| s.time < t) {
+            return Err(Reason::OutOfOrder);
+        }
+        let field_ned = context
+            .core
+            .surroundings
+            .environment()
+            .and_then(|e| e.field_ned)
+            .ok_or(Reason::NoReferenceYet)?;
+        if (norm / field_ned.norm() - 1.0).abs() > settings.magnetometer_norm_error {
+            return Err(Reason::FieldStrength);
+        }
+        if context.is_late(s.time, LATE_S) {
+            return Err(Reason::Late);
+        }
+        if self.is_stuck(s, context.now(), &context.core.timeline) {
+            return Err(Reason::Stuck);
+        }
+        self.newest = Some((s.time, s.field_body));
+        Ok(Observation::Magnetic {
+            field_body: s.field_body,
+            field_ned,
+            sigma_t: settings.magnetometer_sigma_t,
+        })
+    }
+
+    /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.
+    fn is_stuck(&mut self, s: &MagSample, now: Option<AutopilotTime>, timeline: &Timeline) -> bool {
+        let Some(same) = self.same.filter(|same| same.field == s.field_body) else {
+            self.same = Some(Same { since: s.time, field: s.field_body, stuck: false });
+            return false;
+        };
+        let now = now.map_or(s.time, |now| now.min(s.time));
+        let from = same.since.max(now - Span::from_seconds(STUCK_LOOK_S));
+        let elapsed = now.seconds_since(from);
+        // What turns slower than this may be a gyro's bias.
+        let turned = |w: Vector3<f64>| (w.norm() - STUCK_RATE) * elapsed > STUCK_TURN;
+        let stuck = same.stuck || (elapsed > STUCK_S && timeline.mean_rate(from, now).is_some_and(turned));
+        self.same = Some(Same { stuck, ..same });
+        stuck
+    }
+
+    /// What is known against it.
+    pub(super) fn health(&self) -> SourceHealth {
+        if self.same.is_some_and(|s| s.stuck) { SourceHealth::Faulty } else { SourceHealth::Healthy }
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        if reset.reboots() {
+            self.newest = None;
+        }
+        if reset.sets_clock_back() {
+            self.same = None;
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Sources: one file a sensor, each with its state and with what makes it start, stop, be used and be forgotten.
+//!
+//! A source turns a sample into an observation, or into a reason why not. It reads the [`super::context::Context`]; it never touches the
+//! estimator. To add one: a file here, an arm in [`SourceKind`](status::SourceKind), and a line where its samples come in.
+
+pub mod airspeed;
+pub(super) mod barometer;
+pub mod drag;
+pub(super) mod flow;
+pub(super) mod gnss;
+pub mod landmarks;
+mod latency;
+pub(super) mod magnetometer;
+pub(super) mod rangefinder;
+pub(super) mod standstill;
+pub mod status;
+
+use crate::altimeter::Channel;
+
+use super::context::{Context, SourceFacts};
+use super::monitor::GnssState;
+use super::reset::Reset;
+use super::settings::NavigatorSettings;
+use status::{SourceHealth, SourceKind, SourceStatus};
+
+/// A source that has not been heard for this long is silent, s.
+const SILENT_S: f64 = 3.0;
+
+/// What is set against the present may be this old, s.
+const LATE_S: f64 = 0.5;
+
+/// Every source of a vehicle.
+#[derive(Clone, Debug)]
+pub(super) struct Sources {
+    pub(super) gnss: gnss::GnssSource,
+    pub(super) magnetometer: magnetometer::MagnetometerSource,
+    pub(super) barometer: barometer::BarometerSource,
+    pub(super) rangefinder: rangefinder::RangefinderSource,
+    pub(super) flow: flow::FlowSource,
+    pub(super) airspeed: airspeed::AirspeedSource,
+    pub(super) drag: drag::DragSource,
+    pub(super) standstill: standstill::StandstillSource,
+    /// Where landmarks are configured.
+    pub(super) landmarks: Option<landmarks::LandmarkSource>,
+}
+
+impl Sources {
+    pub(super) fn new(settings: &NavigatorSettings) -> Self {
+        Self {
+            gnss: gnss::GnssSource::new(&settings.gnss),
+            magnetometer: magnetometer::MagnetometerSource::default(),
+            barometer: barometer::BarometerSource::default(),
+            rangefinder: rangefinder::RangefinderSource::default(),
+            flow: flow::FlowSource::new(),
+            airspeed: airspeed::AirspeedSource::default(),
+            drag: drag::DragSource::new(&settings.drag),
+            standstill: standstill::StandstillSource::default(),
+            landmarks: settings.landmarks.clone().map(landmarks::LandmarkSource::new),
+        }
+    }
+
+    /// What they know, for each other and for the estimator.
+    pub(super) fn facts(&self) -> SourceFacts {
+        SourceFacts {
+            magnetic: self.magnetometer.newest(),
+            flow_velocity: self.flow.velocity_body(),
+            flow_trusted: self.flow.carrier().is_some(),
+            range: self.rangefinder.newest(),
+            ground_m: self.rangefinder.ground_m(),
+            resting: self.standstill.resting(),
+            airspeed_used: self.airspeed.used(),
+            drag_used: self.drag.used(),
+            gnss_sigma_m: self.gnss.sigma_m(),
+            gnss_latency_sigma_s: self.gnss.latency.sigma_s(),
+            landmark_fix: self.landmarks.as_ref().and_then(landmarks::LandmarkSource::fix),
+        }
+    }
+
+    /// Whether a source can be believed at present: by what it knows of itself, and by what the altimeter and the GNSS monitor found.
+    pub(super) fn health(&self, status: &SourceStatus, context: &Context<'_>) -> SourceHealth {
+        let core = context.core;
+        let silent = core
+            .stream
+            .newest()
+            .zip(status.last_heard)
+            .is_some_and(|(now, heard)| now.seconds_since(heard) > SILENT_S);
+        if silent {
+            return SourceHealth::Silent;
+        }
+        let by_altimeter = |channel: Channel| {
+            if core.height.health(channel).is_faulty() { SourceHealth::Faulty } else { SourceHealth::Healthy }
+        };
+        let id = status.source.id;
+        match status.source.kind {
+            SourceKind::Gnss if id == self.gnss.receiver() => match core.integrity.state() {
+                GnssState::Trusted => by_altimeter(Channel::Gnss),
+                GnssState::Untrusted(_) => SourceHealth::Suspect,
+            },
+            SourceKind::Barometer => self
+                .barometer
+                .channel(id)
+                .map_or(SourceHealth::Suspect, |(channel, own)| own.worse(by_altimeter(channel))),
+            SourceKind::Rangefinder => self.rangefinder.health().worse(by_altimeter(Channel::Range)),
+            SourceKind::Magnetometer => self.magnetometer.health().worse(status.fit()),
+            SourceKind::Flow => self.flow.health(id),
+            SourceKind::Landmarks => {
+                self.landmarks.as_ref().map_or(SourceHealth::Suspect, landmarks::LandmarkSource::health)
+            }
+            _ => status.fit(),
+        }
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        self.gnss.reset(reset);
+        self.magnetometer.reset(reset);
+        self.barometer.reset(reset);
+        self.rangefinder.reset(reset);
+        self.flow.reset(reset);
+        self.airspeed.reset(reset);
+        self.drag.reset(reset);
+        self.standstill.reset(reset);
+        if let Some(landmarks) = &mut self.landmarks {
+            landmarks.reset(reset);
+        }
+    }
+}

@@ -1,0 +1,407 @@
+//! What became of everything that every source told: used, waiting or rejected, fused or gated, and how well it fitted.
+//!
+//! One record a source. Silence is a bug, so all of it is counted, and whoever runs the navigator can see it at any time.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::sample::{Sample, SampleKind};
+use crate::time::AutopilotTime;
+
+use super::super::observation::{Fused, Score};
+use super::super::verdict::{Reason, Verdict};
+
+/// What kind of source.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum SourceKind {
+    /// Gyros and accelerometers.
+    Imu,
+    /// A GNSS receiver.
+    Gnss,
+    /// A barometer.
+    Barometer,
+    /// A rangefinder.
+    Rangefinder,
+    /// The altimeter's height, which the filter takes as a measurement.
+    Height,
+    /// A magnetometer.
+    Magnetometer,
+    /// An optical flow sensor, or a patch of one.
+    Flow,
+    /// A pitot tube.
+    Airspeed,
+    /// The rotors' drag, as the accelerometers show it.
+    Drag,
+    /// Standing still.
+    Standstill,
+    /// Known landmarks, by camera.
+    Landmarks,
+}
+
+impl SourceKind {
+    /// Name for tables.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Imu => "IMU",
+            Self::Gnss => "GNSS",
+            Self::Barometer => "barometer",
+            Self::Rangefinder => "rangefinder",
+            Self::Height => "height",
+            Self::Magnetometer => "magnetometer",
+            Self::Flow => "optical flow",
+            Self::Airspeed => "airspeed",
+            Self::Drag => "rotor drag",
+            Self::Standstill => "standstill",
+            Self::Landmarks => "landmarks",
+        }
+    }
+}
+
+impl From<SampleKind> for SourceKind {
+    fn from(kind: SampleKind) -> Self {
+        match kind {
+            SampleKind::Imu => Self::Imu,
+            SampleKind::Mag => Self::Magnetometer,
+            SampleKind::Gnss => Self::Gnss,
+            SampleKind::Pressure => Self::Barometer,
+            SampleKind::Flow => Self::Flow,
+            SampleKind::Range => Self::Rangefinder,
+            SampleKind::Airspeed => Self::Airspeed,
+            SampleKind::Landmark => Self::Landmarks,
+        }
+    }
+}
+
+/// Which source.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct SourceId {
+    /// What kind.
+    pub kind: SourceKind,
+    /// Which of its kind, as the autopilot numbers them.
+    pub id: u8,
+}
+
+impl SourceId {
+    /// One of which there is only one.
+    pub(in super::super) const fn only(kind: SourceKind) -> Self {
+        Self { kind, id: 0 }
+    }
+
+    /// The one that a sample is of.
+    pub(in super::super) const fn of(sample: &Sample) -> Self {
+        match sample {
+            Sample::Imu(_) => Self::only(SourceKind::Imu),
+            Sample::Mag(s) => Self { kind: SourceKind::Magnetometer, id: s.sensor },
+            Sample::Gnss(s) => Self { kind: SourceKind::Gnss, id: s.receiver },
+            Sample::Pressure(s) => Self { kind: SourceKind::Barometer, id: s.sensor },
+            Sample::Flow(s) => Self { kind: SourceKind::Flow, id: s.sensor },
+            Sample::Range(s) => Self { kind: SourceKind::Rangefinder, id: s.sensor },
+            Sample::Airspeed(_) => Self::only(SourceKind::Airspeed),
+            Sample::Landmark(s) => Self { kind: SourceKind::Landmarks, id: s.camera },
+        }
+    }
+}
+
+/// What was fused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Measured {
+    /// A GNSS position component.
+    GnssPosition,
+    /// A GNSS velocity component.
+    GnssVelocity,
+    /// A magnetometer vector.
+    Magnetometer,
+    /// A flow velocity component.
+    Flow,
+    /// The height filter's height.
+    Height,
+    /// Airspeed.
+    Airspeed,
+    /// No sideslip.
+    Sideslip,
+    /// Rotor drag along an axis.
+    Drag,
+    /// Standing still.
+    Standstill,
+    /// A component of the position that landmarks give.
+    LandmarkPosition,
+    /// The heading that landmarks give.
+    LandmarkHeading,
+}
+
+impl Measured {
+    /// All, in the order they are shown.
+    pub const ALL: [Measured; 11] = [
+        Measured::GnssPosition,
+        Measured::GnssVelocity,
+        Measured::Magnetometer,
+        Measured::Flow,
+        Measured::Height,
+        Measured::Airspeed,
+        Measured::Sideslip,
+        Measured::Drag,
+        Measured::Standstill,
+        Measured::LandmarkPosition,
+        Measured::LandmarkHeading,
+    ];
+
+    /// Name for tables.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Measured::GnssPosition => "GNSS position",
+            Measured::GnssVelocity => "GNSS velocity",
+            Measured::Magnetometer => "magnetometer",
+            Measured::Flow => "optical flow",
+            Measured::Height => "height",
+            Measured::Airspeed => "airspeed",
+            Measured::Sideslip => "sideslip",
+            Measured::Drag => "rotor drag",
+            Measured::Standstill => "standstill",
+            Measured::LandmarkPosition => "landmark position",
+            Measured::LandmarkHeading => "landmark heading",
+        }
+    }
+
+    /// Whose it is, and which of its two quantities.
+    const fn place(self) -> (SourceKind, usize) {
+        match self {
+            Measured::GnssPosition => (SourceKind::Gnss, 0),
+            Measured::GnssVelocity => (SourceKind::Gnss, 1),
+            Measured::Magnetometer => (SourceKind::Magnetometer, 0),
+            Measured::Flow => (SourceKind::Flow, 0),
+            Measured::Height => (SourceKind::Height, 0),
+            Measured::Airspeed => (SourceKind::Airspeed, 0),
+            Measured::Sideslip => (SourceKind::Airspeed, 1),
+            Measured::Drag => (SourceKind::Drag, 0),
+            Measured::Standstill => (SourceKind::Standstill, 0),
+            Measured::LandmarkPosition => (SourceKind::Landmarks, 0),
+            Measured::LandmarkHeading => (SourceKind::Landmarks, 1),
+        }
+    }
+}
+
+/// Count, mean and rejections of one quantity: normalised innovations squared, each counted per scalar.
+///
+/// Where the filter is honest the mean is 1. Well above: it is too sure of itself. Well below: too cautious.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NisCount {
+    /// Scalars fused.
+    pub fused: u64,
+    /// Measurements outside the gate.
+    pub gated: u64,
+    sum: f64,
+}
+
+impl NisCount {
+    /// Mean normalised innovation squared of what was fused.
+    pub fn mean(&self) -> Option<f64> {
+        (self.fused > 0).then(|| self.sum / self.fused as f64)
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.fused += other.fused;
+        self.gated += other.gated;
+        self.sum += other.sum;
+    }
+}
+
+/// Whether a source can be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[derive(PartialOrd, Ord)]
+pub enum SourceHealth {
+    /// Nothing speaks against it.
+    Healthy,
+    /// Something does, and it is not used, or with caution, until that is settled.
+    Suspect,
+    /// It was found to be wrong.
+    Faulty,
+    /// It has not been heard for longer than it may be.
+    Silent,
+}
+
+impl SourceHealth {
+    /// Name for tables.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Healthy => "healthy",
+            Self::Suspect => "suspect",
+            Self::Faulty => "faulty",
+            Self::Silent => "silent",
+        }
+    }
+
+    /// The worse of two.
+    pub(super) fn worse(self, other: Self) -> Self {
+        self.max(other)
+    }
+}
+
+/// One source.
+#[derive(Clone, Debug)]
+pub struct SourceStatus {
+    /// Which.
+    pub source: SourceId,
+    /// When it was last heard, and last used.
+    pub last_heard: Option<AutopilotTime>,
+    /// See there.
+    pub last_used: Option<AutopilotTime>,
+    /// Samples that were used.
+    pub used: u64,
+    rejected: BTreeMap<Reason, u64>,
+    quantities: [NisCount; 2],
+    /// Innovation over the gate's sigma of late, see [`Self::test_ratio`].
+    ratio: f64,
+}
+
+/// Sigmas that a test ratio of 1 stands for.
+const GATE_SIGMA: f64 = 5.0;
+/// A test ratio is a running mean of so many scalars.
+const RATIO_SCALARS: f64 = 20.0;
+/// An innovation beyond this many gates says no more than that it is out of bounds.
+const LARGEST_RATIO: f64 = 10.0;
+
+impl SourceStatus {
+    fn new(source: SourceId) -> Self {
+        Self {
+            source,
+            last_heard: None,
+            last_used: None,
+            used: 0,
+            rejected: BTreeMap::new(),
+            quantities: [NisCount::default(); 2],
+            ratio: 0.0,
+        }
+    }
+
+    /// Rejections by reason.
+    pub fn rejected(&self) -> impl Iterator<Item = (Reason, u64)> + '_ {
+        self.rejected.iter().map(|(reason, n)| (*reason, *n))
+    }
+
+    /// All that was fused of it.
+    pub fn nis(&self) -> NisCount {
+        let mut all = self.quantities[0];
+        all.add(&self.quantities[1]);
+        all
+    }
+
+    /// Innovations of late (RMS over some 20 scalars) over five of their sigmas: above 1 they do not fit. `None` while nothing was
+    /// compared.
+    pub fn test_ratio(&self) -> Option<f64> {
+        let n = self.nis();
+        (n.fused + n.gated > 0).then(|| self.ratio.sqrt())
+    }
+
+    /// By how it fitted of late alone.
+    pub(super) fn fit(&self) -> SourceHealth {
+        if self.test_ratio().is_some_and(|r| r > 1.0) { SourceHealth::Suspect } else { SourceHealth::Healthy }
+    }
+
+    fn score(&mut self, quantity: usize, now: AutopilotTime, score: Score) {
+        let count = &mut self.quantities[quantity];
+        let squared = match score {
+            Score::Fused(nis) => {
+                count.fused += 1;
+                count.sum += nis;
+                self.last_used = Some(now);
+                nis
+            }
+            Score::Gated(sigmas) => {
+                count.gated += 1;
+                sigmas * sigmas
+            }
+        };
+        let ratio = (squared / (GATE_SIGMA * GATE_SIGMA)).min(LARGEST_RATIO * LARGEST_RATIO);
+        if ratio.is_finite() {
+            self.ratio += (ratio - self.ratio) / RATIO_SCALARS;
+        }
+    }
+}
+
+/// All sources that were ever heard. A source is allocated when it is first heard.
+#[derive(Clone, Debug, Default)]
+pub struct StatusBoard(Vec<SourceStatus>);
+
+/// Sources that are expected; more cost an allocation.
+const EXPECTED: usize = 24;
+
+impl StatusBoard {
+    pub(in super::super) fn new() -> Self {
+        Self(Vec::with_capacity(EXPECTED))
+    }
+
+    /// All, in the order in which they were first heard.
+    pub fn iter(&self) -> impl Iterator<Item = &SourceStatus> {
+        self.0.iter()
+    }
+
+    fn of(&mut self, source: SourceId) -> &mut SourceStatus {
+        let at = match self.0.iter().position(|s| s.source == source) {
+            Some(at) => at,
+            None => {
+                self.0.push(SourceStatus::new(source));
+                self.0.len() - 1
+            }
+        };
+        &mut self.0[at]
+    }
+
+    /// A sample of this source was heard, and this came of it.
+    pub(in super::super) fn heard(&mut self, source: SourceId, time: AutopilotTime, verdict: Verdict) {
+        let status = self.of(source);
+        status.last_heard = Some(time);
+        self.count(source, time, verdict);
+    }
+
+    /// A sample that had waited.
+    pub(in super::super) fn count(&mut self, source: SourceId, time: AutopilotTime, verdict: Verdict) {
+        let status = self.of(source);
+        match verdict {
+            Verdict::Used => {
+                status.used += 1;
+                status.last_used = Some(time);
+            }
+            Verdict::Waiting => {}
+            Verdict::Rejected(reason) => *status.rejected.entry(reason).or_default() += 1,
+        }
+    }
+
+    /// What became of an observation of this source.
+    pub(in super::super) fn fused(&mut self, source: SourceId, now: AutopilotTime, fused: &Fused) {
+        for (measured, score) in fused.scores() {
+            let (kind, quantity) = measured.place();
+            let id = if kind == source.kind { source } else { SourceId::only(kind) };
+            self.of(id).score(quantity, now, score);
+        }
+    }
+
+    /// Samples of a kind that were used.
+    pub fn used(&self, kind: SampleKind) -> u64 {
+        self.of_kind(kind.into()).map(|s| s.used).sum()
+    }
+
+    /// Rejections of a kind by reason.
+    pub fn rejected(&self, kind: SampleKind) -> impl Iterator<Item = (Reason, u64)> {
+        let mut all: BTreeMap<Reason, u64> = BTreeMap::new();
+        for (reason, n) in self.of_kind(kind.into()).flat_map(SourceStatus::rejected) {
+            *all.entry(reason).or_default() += n;
+        }
+        all.into_iter()
+    }
+
+    /// How well a quantity fitted.
+    pub fn nis(&self, measured: Measured) -> NisCount {
+        let (kind, quantity) = measured.place();
+        let mut all = NisCount::default();
+        self.of_kind(kind).for_each(|s| all.add(&s.quantities[quantity]));
+        all
+    }
+
+    fn of_kind(&self, kind: SourceKind) -> impl Iterator<Item = &SourceStatus> {
+        self.0.iter().filter(move |s| s.source.kind == kind)
+    }
+}

@@ -1,0 +1,236 @@
+//! The IMU sample: what moves everything.
+
+use nalgebra::Vector3;
+
+use crate::sample::ImuSample;
+
+use super::context::{Context, SourceFacts};
+use super::core::Core;
+use super::estimator::{SeekInput, StepInput, StepOutcome, Stepped};
+use super::event::{EventKind, TransitionReason};
+use super::reset::Reset;
+use super::sources::status::{SourceId, SourceKind};
+use super::stream::Heard;
+use super::timeline::Snapshot;
+use super::vehicle::Vehicle;
+use super::verdict::{Reason, Verdict};
+use super::{Mode, Navigator, landmark_fix};
+
+/// A step longer than this leaves room for what was not seen, s.
+const LONG_STEP_S: f64 = 0.1;
+
+impl Navigator {
+    pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
+        let (disarmed, max_gap_s) = (self.core.vehicle.disarmed(), self.core.settings.imu_max_gap_s);
+        let dt = match self.core.stream.hear(s, disarmed, max_gap_s) {
+            Heard::Refused(reason) => return Verdict::Rejected(reason),
+            Heard::First => {
+                self.core.estimator.observer_mut().alignment.start(s.time);
+                return Verdict::Used;
+            }
+            Heard::ClockSetBack => {
+                self.reset(&Reset::ClockSetBack);
+                self.core.change_mode(s.time, Mode::Aligning, TransitionReason::Reboot);
+                return Verdict::Rejected(Reason::OutOfOrder);
+            }
+            Heard::Next(dt) => dt,
+        };
+        self.core.integrity.check(s.time);
+        if dt > max_gap_s {
+            self.over_a_hole(s, dt);
+            return Verdict::Used;
+        }
+        if dt > LONG_STEP_S {
+            self.core.estimator.doubt(dt);
+        }
+        self.step(s, dt)
+    }
+
+    /// A hole of `gap_s` in the stream: the filter goes on over it with what it felt before and after, or begins anew.
+    fn over_a_hole(&mut self, s: &ImuSample, gap_s: f64) {
+        self.core.height.blind(gap_s);
+        if !self.bridge(s, gap_s) {
+            self.break_off(s, TransitionReason::ImuGap(gap_s));
+        }
+    }
+
+    fn break_off(&mut self, s: &ImuSample, reason: TransitionReason) {
+        self.reset(&Reset::StreamBroken);
+        self.core.broken_off(s.time, reason);
+    }
+
+    /// False when there is no filter, or the hole is too long.
+    fn bridge(&mut self, s: &ImuSample, gap_s: f64) -> bool {
+        let core = &mut self.core;
+        if gap_s > core.settings.imu_bridge_s {
+            return false;
+        }
+        let (Some(environment), Some(last)) = (core.surroundings.environment(), core.stream.last().copied())
+        else {
+            return false;
+        };
+        let Some(stepped) = core.estimator.bridge(&last, s, gap_s, environment) else { return false };
+        core.stream.over_the_interval(s, false);
+        core.stand(&stepped);
+        self.reset(&Reset::Bridged);
+        self.core.remember(s, &stepped, Vector3::zeros());
+        self.core.events.tell(s.time, EventKind::Bridged(gap_s));
+        self.advance(s, gap_s);
+        true
+    }
+
+    fn step(&mut self, s: &ImuSample, dt: f64) -> Verdict {
+        let facts = self.sources.facts();
+        let core = &mut self.core;
+        let Some(environment) = core.surroundings.environment() else {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        };
+        let input = StepInput {
+            settings: &core.settings,
+            environment,
+            mode: core.mode,
+            dead_reckoning: core.dead_reckoning(),
+            carried_by_flow: core.outage.source() == super::solution::VelocitySource::Flow,
+            height_m: core.height.height_m(),
+            height_sigma_m: core.height.height_sigma_m(),
+            climb_mps: core.height.climb_mps(),
+            magnetic: facts.magnetic,
+            flow_velocity: facts.flow_velocity,
+            gnss_sigma_m: facts.gnss_sigma_m,
+        };
+        if let Some(r) = core.estimator.observer_mut().first_attitude(s, &input) {
+            core.attitude.r_body_to_ned = r;
+        }
+        if core.estimator.observer().state().is_none() {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        }
+        let mean = core.stream.over_the_interval(s, core.settings.imu_instantaneous);
+        match core.estimator.step(&mean, dt, &input, &facts, &core.attitude.r_body_to_ned) {
+            Some(outcome) => self.after_step(&mean, dt, &outcome, &facts),
+            None => {
+                self.core.estimator.lose_attitude();
+                self.break_off(s, TransitionReason::Broken);
+            }
+        }
+        Verdict::Used
+    }
+
+    fn after_step(&mut self, s: &ImuSample, dt: f64, outcome: &StepOutcome, facts: &SourceFacts) {
+        let StepOutcome { stepped, report, fused, restarted } = outcome;
+        let core = &mut self.core;
+        core.statuses.fused(SourceId::only(SourceKind::Height), s.time, fused);
+        if let Some(apart) = restarted {
+            core.events.tell(s.time, EventKind::FilterRestarted(*apart));
+        }
+        core.stand(stepped);
+        let velocity_ned = core.remember(s, stepped, stepped.angular_rate_body * dt);
+        core.estimator.observer_mut().propagate(s.time, &stepped.injected_ned, &velocity_ned);
+        let load = core.settings.height.accel_load_noise * stepped.acceleration_ned.norm();
+        core.height.predict(dt, -stepped.acceleration_ned.z, load);
+        core.feel_ground(dt, facts);
+        core.published.glide_height(dt, &core.settings.height);
+        self.look_for_rest(s);
+        self.feel_drag(s, dt);
+        let facts = self.sources.facts();
+        self.core.estimator.lead_observer(&facts, s.time);
+        self.seek_heading(s, dt, &facts);
+        self.feel_landmarks(s, dt);
+        let core = &mut self.core;
+        core.estimator.observer_mut().injected(s.time, report, &core.settings.observer);
+        self.advance(s, dt);
+    }
+
+    fn advance(&mut self, s: &ImuSample, dt: f64) {
+        let calibration = self.sources.flow.calibration_covariance(&self.core.settings.flow);
+        self.core.advance(s.time, dt, &self.sources.facts(), &calibration);
+    }
+
+    /// Standing still, where the vehicle's own word for it can be believed.
+    fn look_for_rest(&mut self, s: &ImuSample) {
+        self.core.doubt_disarmed(self.sources.facts().ground_m);
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let Some(observation) = self.sources.standstill.observe(s, &context) else { return };
+        let core = &mut self.core;
+        let Some(environment) = core.surroundings.environment() else { return };
+        let fused = core.estimator.fuse(s.time, &observation, &core.timeline, environment);
+        self.sources.standstill.fused(&fused);
+        core.absorb(s.time, SourceId::only(SourceKind::Standstill), &fused);
+    }
+
+    fn feel_drag(&mut self, s: &ImuSample, dt: f64) {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let Some(observation) = self.sources.drag.observe(s, dt, &context) else { return };
+        let core = &mut self.core;
+        let Some(environment) = core.surroundings.environment() else { return };
+        let fused = core.estimator.fuse(s.time, &observation, &core.timeline, environment);
+        self.sources.drag.fused(s.time, &fused, &core.estimator);
+        core.absorb(s.time, SourceId::only(SourceKind::Drag), &fused);
+    }
+
+    fn seek_heading(&mut self, s: &ImuSample, dt: f64, facts: &SourceFacts) {
+        let core = &mut self.core;
+        let Some(environment) = core.surroundings.environment() else { return };
+        let input = SeekInput { settings: &core.settings, environment, facts };
+        if core.estimator.seek_heading(s, dt, core.mode, &input) {
+            core.events.tell(s.time, EventKind::HeadingSought);
+        }
+    }
+
+    fn feel_landmarks(&mut self, s: &ImuSample, dt: f64) {
+        if self.sources.landmarks.is_none() {
+            return;
+        }
+        let facts = self.sources.facts();
+        let Some(landmarks) = &mut self.sources.landmarks else { return };
+        let mut statuses = std::mem::take(&mut self.core.statuses);
+        let context = Context { core: &self.core, facts };
+        let moved = landmarks.carry_on(s.time, dt, &context, |camera, time, verdict| {
+            statuses.count(SourceId { kind: SourceKind::Landmarks, id: camera }, time, verdict);
+        });
+        self.core.statuses = statuses;
+        if moved {
+            landmark_fix::judge(&mut self.core, &mut self.sources, s.time);
+        }
+    }
+}
+
+impl Core {
+    /// The instant is remembered; the velocity that is estimated at it.
+    fn remember(&mut self, s: &ImuSample, stepped: &Stepped, turned: Vector3<f64>) -> Vector3<f64> {
+        let (position_ned, velocity_ned) = self.estimator.estimate().unwrap_or_default();
+        self.timeline.push(
+            s.time,
+            &Snapshot {
+                r_body_to_ned: stepped.r_body_to_ned,
+                turned,
+                acceleration_ned: stepped.acceleration_ned,
+                position_ned,
+                velocity_ned,
+            },
+        );
+        velocity_ned
+    }
+
+    /// The air under a multirotor near the ground is not what the barometer thinks: its offset is loose there.
+    fn feel_ground(&mut self, dt: f64, facts: &SourceFacts) {
+        let h = &self.settings.height;
+        let near = facts
+            .ground_m
+            .zip(self.height.height_m())
+            .is_some_and(|(ground, height)| (height - ground).abs() < h.ground_effect_below_m);
+        if near && !facts.resting && self.mode != Mode::Aligning {
+            self.height.loosen_barometers(h.ground_effect_walk, dt);
+        }
+    }
+
+    /// What moves like something that flies is not disarmed, whatever it says.
+    fn doubt_disarmed(&mut self, ground_m: Option<f64>) {
+        if self.mode != Mode::Aided || !self.vehicle.disarmed() {
+            return;
+        }
+        let height =
+            self.height.height_m().filter(|_| self.height.height_sigma_m() < Vehicle::TELLING_SIGMA_M);
+        let above_m = height.zip(ground_m).map(|(height, ground)| height - ground);
+        self.vehicle.seen_moving(self.estimator.estimate().map(|(_, v)| v.xy().norm()), above_m);
+    }
+}

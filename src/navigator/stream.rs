@@ -1,0 +1,129 @@
+//! The IMU's stream: which samples are new, sound and in time.
+
+use crate::sample::ImuSample;
+use crate::time::AutopilotTime;
+use nalgebra::Vector3;
+
+use super::reset::Reset;
+use super::verdict::Reason;
+
+/// Autopilots' IMUs measure up to 2000 °/s and 16 g; at their limits, less 1 %, they tell the limit and not the motion, rad/s and m/s².
+/// What is missed so is bridged by the samples around it, and where that takes too long, it is a hole in the stream.
+const FULL_RATE: f64 = 34.55;
+const FULL_FORCE: f64 = 155.3;
+/// Far beyond any sensor (m/s² or rad/s), and far from where squares overflow.
+const POSSIBLE: f64 = 1e4;
+/// An IMU in the air that tells the same six numbers for this long is stuck, s.
+const STUCK_S: f64 = 0.5;
+/// A stream that goes on in the past for this long has another clock than it had, s.
+const BEHIND_S: f64 = 0.2;
+
+/// What is remembered of the stream.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ImuStream {
+    newest: Option<AutopilotTime>,
+    last: Option<ImuSample>,
+    /// Since when it has told the same.
+    same_since: Option<AutopilotTime>,
+    /// Samples older than the newest, one after the other: the first and the last of them.
+    behind: Option<(AutopilotTime, AutopilotTime)>,
+}
+
+/// What a sample is to the stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Heard {
+    /// The first.
+    First,
+    /// The next, so many seconds after the last.
+    Next(f64),
+    /// Of no use.
+    Refused(Reason),
+    /// The stream goes on in the past: the clock was set back.
+    ClockSetBack,
+}
+
+impl ImuStream {
+    /// The newest stamp.
+    pub(super) fn newest(&self) -> Option<AutopilotTime> {
+        self.newest
+    }
+
+    /// The newest sample that was navigated on.
+    pub(super) fn last(&self) -> Option<&ImuSample> {
+        self.last.as_ref()
+    }
+
+    /// Takes note of a sample. `disarmed`: on the ground a coarse IMU may repeat itself.
+    pub(super) fn hear(&mut self, s: &ImuSample, disarmed: bool, max_gap_s: f64) -> Heard {
+        let possible = |v: &Vector3<f64>| v.iter().all(|c| c.abs() < POSSIBLE);
+        if !possible(&s.angular_rate_body) || !possible(&s.specific_force_body) {
+            return Heard::Refused(Reason::NotFinite);
+        }
+        let saturated = |v: &Vector3<f64>, full: f64| v.iter().any(|c| c.abs() >= full);
+        if saturated(&s.angular_rate_body, FULL_RATE) || saturated(&s.specific_force_body, FULL_FORCE) {
+            return Heard::Refused(Reason::OutOfRange);
+        }
+        let Some(newest) = self.newest else {
+            self.newest = Some(s.time);
+            return Heard::First;
+        };
+        let dt = s.time.seconds_since(newest);
+        if dt <= 0.0 {
+            return self.hear_old(s.time, max_gap_s);
+        }
+        self.behind = None;
+        if self.is_stuck(s, disarmed) {
+            return Heard::Refused(Reason::Stuck);
+        }
+        self.newest = Some(s.time);
+        Heard::Next(dt)
+    }
+
+    /// A sample older than the newest. One may be late; a stream of them is a clock that was set back, and then everything that is
+    /// remembered has times that will not come for long, or mean another moment.
+    fn hear_old(&mut self, time: AutopilotTime, max_gap_s: f64) -> Heard {
+        let goes_on = |last: AutopilotTime| time > last && time.seconds_since(last) <= max_gap_s;
+        let since = self.behind.filter(|(_, last)| goes_on(*last)).map_or(time, |(since, _)| since);
+        self.behind = Some((since, time));
+        if time.seconds_since(since) >= BEHIND_S {
+            self.behind = None;
+            return Heard::ClockSetBack;
+        }
+        Heard::Refused(Reason::OutOfOrder)
+    }
+
+    /// Whether the IMU repeats itself for longer than one does that is in the air.
+    fn is_stuck(&mut self, s: &ImuSample, disarmed: bool) -> bool {
+        let Some(last) = self.last.filter(|last| {
+            last.angular_rate_body == s.angular_rate_body && last.specific_force_body == s.specific_force_body
+        }) else {
+            self.same_since = None;
+            return false;
+        };
+        let since = *self.same_since.get_or_insert(last.time);
+        !disarmed && s.time.seconds_since(since) > STUCK_S
+    }
+
+    /// The sample is navigated on; what it says of the interval before it: with `instantaneous` samples the mean of the interval's two
+    /// ends, which is nearer to the truth than either.
+    pub(super) fn over_the_interval(&mut self, s: &ImuSample, instantaneous: bool) -> ImuSample {
+        let last = self.last.replace(*s).filter(|_| instantaneous);
+        last.map_or(*s, |last| ImuSample {
+            time: s.time,
+            angular_rate_body: 0.5 * (last.angular_rate_body + s.angular_rate_body),
+            specific_force_body: 0.5 * (last.specific_force_body + s.specific_force_body),
+        })
+    }
+
+    pub(super) fn reset(&mut self, reset: &Reset) {
+        if reset.breaks_motion() {
+            self.last = None;
+        }
+        if reset.reboots() {
+            self.newest = None;
+        }
+        if reset.sets_clock_back() {
+            self.same_since = None;
+        }
+    }
+}

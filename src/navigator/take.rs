@@ -1,0 +1,381 @@
+//! Samples of everything but the IMU: observed by their source, fused, and what follows.
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::altimeter::{Channel, HeightVerdict};
+use crate::sample::{
+    AirspeedSample, FlowSample, GnssSample, LandmarkSample, MagSample, PressureSample, RangeSample,
+};
+use crate::time::AutopilotTime;
+
+use super::context::Context;
+use super::event::{EventKind, TransitionReason};
+use super::height::{HeightReading, verdict};
+use super::monitor::gnss_integrity::{GnssFault, Standing};
+use super::observation::{Fused, Observation};
+use super::reset::Reset;
+use super::sources::flow::{FlowInput, FlowVelocity, PatchArrival};
+use super::sources::gnss::{FixReading, Receiver, expectation, horizontal};
+use super::sources::status::{Measured, SourceId, SourceKind};
+use super::verdict::{Reason, Verdict};
+use super::{Mode, Navigator};
+
+impl Navigator {
+    /// What a source observed goes to the estimator, and what became of it to everybody whom it concerns.
+    fn fuse(&mut self, now: AutopilotTime, source: SourceId, observation: &Observation) -> Fused {
+        let core = &mut self.core;
+        let Some(environment) = core.surroundings.environment() else { return Fused::nothing() };
+        let fused = core.estimator.fuse(now, observation, &core.timeline, environment);
+        core.absorb(now, source, &fused);
+        fused
+    }
+
+    pub(super) fn magnetometer(&mut self, s: &MagSample) -> Verdict {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        match self.sources.magnetometer.observe(s, &context) {
+            Err(reason) => Verdict::Rejected(reason),
+            Ok(observation) => {
+                let source = SourceId { kind: SourceKind::Magnetometer, id: s.sensor };
+                if self.fuse(s.time, source, &observation).gated(Measured::Magnetometer) {
+                    Verdict::Rejected(Reason::Innovation)
+                } else {
+                    Verdict::Used
+                }
+            }
+        }
+    }
+
+    pub(super) fn airspeed(&mut self, s: &AirspeedSample) -> Verdict {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        match self.sources.airspeed.observe(s, &context) {
+            Err(reason) => Verdict::Rejected(reason),
+            Ok(observation) => {
+                let now = self.core.stream.newest().unwrap_or(s.time);
+                let fused = self.fuse(now, SourceId::only(SourceKind::Airspeed), &observation);
+                self.sources.airspeed.fused(s.time, &fused)
+            }
+        }
+    }
+
+    /// A height to the altimeter: the published height goes on without a step.
+    fn take_height(&mut self, now: AutopilotTime, reading: &HeightReading) -> Option<HeightVerdict> {
+        let core = &mut self.core;
+        let update = core.height.take(now, reading, &mut core.events);
+        if update.told {
+            self.sources.barometer.height_moved();
+        }
+        core.integrity.height_fault(core.height.health(Channel::Gnss).is_faulty());
+        if let Some(moved_m) = update.moved_m {
+            // A decision or a return moves the height once, and it glides there; all else is tracking.
+            core.published.height_moved(moved_m, update.decision);
+        }
+        if core.mode == Mode::Aligning {
+            // Nobody was told a height yet: there is nothing to be continuous with.
+            core.published.begin_height();
+        } else if core.published.height_offset_m().abs() > core.settings.height.jump_m
+            && let Some(jump) = core.published.jump_height()
+        {
+            core.events.tell(now, EventKind::HeightReset(jump));
+        }
+        update.verdict
+    }
+
+    pub(super) fn barometer(&mut self, s: &PressureSample) -> Verdict {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let read = match self.sources.barometer.observe(s, &context) {
+            Err(reason) => return Verdict::Rejected(reason),
+            Ok(read) => read,
+        };
+        if read.another {
+            self.core.height.another(read.reading.channel);
+        }
+        match (read.usable, self.core.stream.newest()) {
+            (Ok(()), Some(now)) => verdict(self.take_height(now, &read.reading)),
+            (Err(reason), _) => Verdict::Rejected(reason),
+            (Ok(()), None) => Verdict::Rejected(Reason::NoReferenceYet),
+        }
+    }
+
+    pub(super) fn rangefinder(&mut self, s: &RangeSample) -> Verdict {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        match self.sources.rangefinder.observe(s, &context) {
+            Err(reason) => Verdict::Rejected(reason),
+            Ok(reading) => {
+                if let (Some(reading), Some(now)) = (reading, self.core.stream.newest()) {
+                    self.take_height(now, &reading);
+                }
+                Verdict::Used
+            }
+        }
+    }
+
+    pub(super) fn landmark(&mut self, s: &LandmarkSample) -> Verdict {
+        let facts = self.sources.facts();
+        let Some(landmarks) = &mut self.sources.landmarks else { return Verdict::Rejected(Reason::NotUsed) };
+        landmarks.observe(s, &Context { core: &self.core, facts })
+    }
+
+    pub(super) fn gnss(&mut self, s: &GnssSample) -> Verdict {
+        if !s.is_possible() {
+            return Verdict::Rejected(Reason::NotFinite);
+        }
+        let Some(now) = self.core.stream.newest() else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        match self.sources.gnss.select(s) {
+            Receiver::Same => {}
+            Receiver::Redundant => return Verdict::Rejected(Reason::Redundant),
+            Receiver::Another => {
+                self.core.integrity.forget_track();
+                self.core.height.another(Channel::Gnss);
+                self.core.events.tell(s.time, EventKind::Receiver(s.receiver));
+            }
+        }
+        match self.fix(now, s) {
+            Ok(()) => Verdict::Used,
+            Err(fault) => {
+                self.core.integrity.bad(now, fault);
+                self.sources.gnss.latency.interrupt();
+                Verdict::Rejected(Reason::Gnss(fault))
+            }
+        }
+    }
+
+    fn fix(&mut self, now: AutopilotTime, s: &GnssSample) -> Result<(), GnssFault> {
+        self.core.integrity.admit(s)?;
+        let position = s.position.ok_or(GnssFault::NoFix)?;
+        self.sources.gnss.had_fix(s);
+        let Some(environment) = self.core.surroundings.environment() else {
+            self.core.settle(now, position);
+            return Ok(());
+        };
+        let position_ned = environment.frame.to_ned(&position);
+        let measured = self.sources.gnss.measured(now, s)?;
+        if self.core.estimator.observer().state().is_none() {
+            return Ok(());
+        }
+        let v = s.ground_velocity.map_or((0.0, 0.0), |g| g.north_east());
+        let aligning = self.core.mode == Mode::Aligning;
+        let velocity_ned = Vector3::new(v.0, v.1, 0.0);
+        self.core.estimator.observer_mut().begin_signal(now, &position_ned, &velocity_ned, aligning);
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let reading = self.sources.gnss.observe(s, measured, position_ned, &context)?;
+        let regained = self.judge(now, &reading)?;
+        self.sources.gnss.accepted(&reading);
+        match self.core.mode {
+            Mode::Holdover | Mode::Lost if regained => self.rejoin(now, &reading),
+            Mode::Holdover | Mode::Lost => return Ok(()),
+            Mode::Aligning | Mode::Aided | Mode::Rejoining => self.take_fix(now, &reading),
+        }
+        self.learn_gnss_latency(&reading);
+        let height = HeightReading {
+            channel: Channel::Gnss,
+            height_m: -reading.position_ned.z,
+            sigma_m: Some(reading.vertical_sigma_m),
+            age_s: now.seconds_since(measured),
+        };
+        self.take_height(now, &height);
+        Ok(())
+    }
+
+    /// What the monitor says of a fix; whether GNSS is trusted again by it.
+    fn judge(&mut self, now: AutopilotTime, reading: &FixReading) -> Result<bool, GnssFault> {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let expected = (self.core.mode != Mode::Aligning).then(|| expectation(reading, &context));
+        let core = &mut self.core;
+        let position_ne = reading.position_ned.xy();
+        let standing = core.integrity.judge(reading.measured, position_ne, reading.velocity_ne, expected)?;
+        // A receiver that comes back at another height is not where it says.
+        let height_m = -reading.position_ned.z;
+        let gate = core.settings.gnss.trust.gate_sigma;
+        let elsewhere = standing == Standing::Near
+            && core.dead_reckoning()
+            && core.height.contradicts(Channel::Gnss, height_m, reading.vertical_sigma_m, gate);
+        Ok(core.integrity.good(now, if elsewhere { Standing::Far } else { standing }))
+    }
+
+    /// GNSS is navigated on.
+    fn take_fix(&mut self, now: AutopilotTime, reading: &FixReading) {
+        let facts = self.sources.facts();
+        let sigma = reading.sigma();
+        let core = &mut self.core;
+        core.estimator.observer_mut().apply(&reading.innovation);
+        if let Some(v) = &reading.velocity_ne {
+            core.estimator.weigh_headings(now, reading.measured, v, sigma[1], &facts);
+        }
+        let observation = Observation::Fix {
+            measured: reading.measured,
+            position_error: reading.position_error,
+            velocity_error: reading.velocity_error,
+            sigma,
+        };
+        let source = SourceId { kind: SourceKind::Gnss, id: self.sources.gnss.receiver() };
+        let fused = self.fuse(now, source, &observation);
+        let locked_out = self.core.estimator.is_locked_out(now, &fused);
+        if locked_out && self.core.mode == Mode::Aided {
+            // GNSS is trusted and the filter will not have it: then the filter is wrong.
+            if self.core.estimator.is_led(&facts, now) {
+                // The observer knows no better: it only follows.
+                self.reset(&Reset::StreamBroken);
+                self.core.broken_off(now, TransitionReason::HeadingWrong);
+            } else {
+                self.core.start_at_fixes(now, reading.position_error.norm(), &facts);
+            }
+        }
+    }
+
+    /// GNSS is trusted again: the estimate moves to it at once, the published position stays and glides after it.
+    fn rejoin(&mut self, now: AutopilotTime, reading: &FixReading) {
+        let core = &mut self.core;
+        let Some((before, _)) = core.estimator.estimate() else { return };
+        let e_v = reading.velocity_error.unwrap_or_default();
+        let shift = reading.position_error + e_v * now.seconds_since(reading.measured);
+        let shift = Vector3::new(shift.x, shift.y, 0.0);
+        let position_ne = (before + shift).xy();
+        let sigma = reading.sigma_on_return();
+        core.estimator.rejoin(&reading.innovation, &position_ne, reading.velocity_error.as_ref(), sigma);
+        if core.estimator.is_filtered() {
+            core.timeline.reset(&Reset::Relocated);
+        }
+        core.published.stays(&shift);
+        core.came_back(now);
+    }
+
+    /// The receiver's latency shows in how its velocity lags behind the inertial one.
+    fn learn_gnss_latency(&mut self, reading: &FixReading) {
+        let acceleration = self.core.timeline.acceleration(reading.measured);
+        let e_v: Option<Vector2<f64>> = horizontal(&reading.innovation.velocity_ned);
+        let latency = &mut self.sources.gnss.latency;
+        match e_v.zip(acceleration) {
+            Some((e_v, a)) if self.core.mode == Mode::Aided => latency.observe(&e_v, &a.xy()),
+            _ => latency.interrupt(),
+        }
+    }
+
+    pub(super) fn flow(&mut self, s: &FlowSample) -> Verdict {
+        let settings = &self.core.settings.flow;
+        if let Err(reason) = self.sources.flow.admit(s, settings) {
+            return Verdict::Rejected(reason);
+        }
+        if settings.patches.find(s.sensor).is_some() {
+            return self.patch(s);
+        }
+        match self.sources.flow.sensor_of(s, settings) {
+            Ok(index) => self.take_flow(s.time, index, FlowInput::Patch(s)),
+            Err(reason) => Verdict::Rejected(reason),
+        }
+    }
+
+    /// A patch of an image has come.
+    fn patch(&mut self, s: &FlowSample) -> Verdict {
+        let Some(now) = self.core.stream.newest() else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        match self.sources.flow.image.arrival(s, &self.core.settings.flow) {
+            Err(reason) => return Verdict::Rejected(reason),
+            Ok(PatchArrival::Later) => {
+                let verdict = self.solve_image();
+                self.count_patches(verdict, None);
+            }
+            Ok(PatchArrival::Fits) => {}
+        }
+        match self.sources.flow.image.add(s, now, &self.core.settings.flow) {
+            Err(reason) => Verdict::Rejected(reason),
+            Ok(false) => Verdict::Waiting,
+            Ok(true) => {
+                let verdict = self.solve_image();
+                // The one in hand is counted by whoever brought it.
+                self.count_patches(verdict, Some(s.sensor));
+                verdict
+            }
+        }
+    }
+
+    /// Time goes on: an image whose rest does not come is solved without it.
+    pub(super) fn image_waited(&mut self, now: AutopilotTime) {
+        if self.sources.flow.image.has_waited(now) {
+            let verdict = self.solve_image();
+            self.count_patches(verdict, None);
+        }
+    }
+
+    fn solve_image(&mut self) -> Verdict {
+        let settings = &self.core.settings.flow;
+        let camera = settings.patches.camera_id().and_then(|id| self.sources.flow.sensor(id, settings));
+        match (camera, self.sources.flow.image.stamp()) {
+            (None, _) => Verdict::Rejected(Reason::Redundant),
+            (_, None) => Verdict::Rejected(Reason::NotUsed),
+            (Some(index), Some(stamp)) => self.take_flow(stamp, index, FlowInput::Image),
+        }
+    }
+
+    /// Counts the patches of an image by its verdict, but for the one in hand, and begins the next.
+    fn count_patches(&mut self, verdict: Verdict, in_hand: Option<u8>) {
+        let statuses = &mut self.core.statuses;
+        self.sources.flow.image.solved(verdict, |s, verdict| {
+            if in_hand != Some(s.sensor) {
+                statuses.count(SourceId { kind: SourceKind::Flow, id: s.sensor }, s.time, verdict);
+            }
+        });
+    }
+
+    /// What a flow velocity is for depends on the mode.
+    fn take_flow(&mut self, stamp: AutopilotTime, index: usize, input: FlowInput<'_>) -> Verdict {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let measured = match self.sources.flow.observe(stamp, index, input, &context) {
+            Ok(measured) => measured,
+            Err(reason) => return Verdict::Rejected(reason),
+        };
+        let taken = match self.core.mode {
+            Mode::Aligning => {
+                self.sources.flow.hold_direction(&measured, index, &context);
+                Ok(())
+            }
+            Mode::Aided | Mode::Rejoining => self.compare_flow(&measured, index),
+            Mode::Holdover | Mode::Lost => self.carry_flow(&measured, index),
+        };
+        taken.map_or_else(Verdict::Rejected, |()| Verdict::Used)
+    }
+
+    fn flow_id(&self, index: usize) -> SourceId {
+        SourceId { kind: SourceKind::Flow, id: self.sources.flow.id(index) }
+    }
+
+    /// GNSS is there: the sensor is compared with it, and helps where it is trusted.
+    fn compare_flow(&mut self, m: &FlowVelocity, index: usize) -> Result<(), Reason> {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let compared = self.sources.flow.compare(m, index, &context)?;
+        let now = self.core.stream.newest().unwrap_or(m.time);
+        if let Some(observation) = &compared.observation {
+            self.fuse(now, self.flow_id(index), observation);
+        }
+        if let Some(event) = compared.event {
+            self.core.events.tell(m.time, event);
+        }
+        Ok(())
+    }
+
+    /// GNSS is gone: the flow carries the velocity.
+    fn carry_flow(&mut self, m: &FlowVelocity, index: usize) -> Result<(), Reason> {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let carry = self.sources.flow.carry(m, index, &context)?;
+        let now = self.core.stream.newest().unwrap_or(m.time);
+        if let Some(observation) = &carry.observation {
+            let fused = self.fuse(now, self.flow_id(index), observation);
+            if fused.gated(Measured::Flow) && carry.patient {
+                self.sources.flow.outlier(index, m.interval_s);
+                return Err(Reason::Innovation);
+            }
+        }
+        let observer = self.core.estimator.observer_mut();
+        let Some(innovation) = observer.predictor().innovation(&carry.signal) else {
+            let v_ned = m.r_body_to_ned * carry.v_body;
+            return if observer.restart_signal(now, &v_ned) { Ok(()) } else { Err(Reason::NoReferenceYet) };
+        };
+        let e = horizontal(&innovation.velocity_ned).unwrap_or_default();
+        if e.norm() > carry.gate_mps && carry.patient {
+            self.sources.flow.outlier(index, m.interval_s);
+            return Err(Reason::Innovation);
+        }
+        observer.apply(&innovation);
+        self.sources.flow.carried(index, m.time, carry.v_body);
+        self.core.outage.carried_by_flow(&carry.by);
+        Ok(())
+    }
+}
