@@ -15,7 +15,7 @@ use crate::metrics::outage::OutageReport;
 use crate::navigator::Navigator;
 use crate::navigator::settings::Estimator;
 use crate::navigator::solution::Solution;
-use crate::navigator::sources::status::Measured;
+use crate::navigator::sources::status::{Measured, SourceReport};
 use crate::replay::log::{Log, LogSummary};
 use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
 use crate::sample::{Input, SampleKind};
@@ -82,6 +82,8 @@ pub struct ReplayReport {
     pub outages: Vec<OutageReport>,
     /// Modes.
     pub modes: Vec<ModeChange>,
+    /// What became of every source, at the end.
+    pub sources: Vec<SourceReport>,
     /// Log time over computing time, reading included.
     pub realtime_factor: f64,
 }
@@ -132,6 +134,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         aided: outcome.aided,
         outages: outcome.outages.clone(),
         modes: outcome.modes.clone(),
+        sources: runner.pipeline.navigator.source_reports(),
         realtime_factor: outcome.duration_s / computing_s,
     };
     if args.json {
@@ -177,23 +180,11 @@ fn print_report(
     if summary.reboots > 0 {
         outln!("  the autopilot rebooted {} times", summary.reboots);
     }
-    outln!("\nSamples");
-    let mut table = Table::new(&["", "heard", "used", "rejected"]);
-    for kind in SampleKind::ALL {
-        let heard = outcome.heard[kind as usize];
-        if heard == 0 {
-            continue;
-        }
-        let tally = runner.pipeline.navigator.statuses();
-        let why: Vec<String> =
-            tally.rejected(kind).map(|(reason, n)| format!("{n} {}", reason.label())).collect();
-        table.row(vec![kind.label().into(), heard.to_string(), tally.used(kind).to_string(), why.join(", ")]);
-    }
-    table.print();
+    print_sources(&r.sources, &outcome.heard);
 
     outln!("\nWhat happened");
     for (t, event) in &outcome.events {
-        outln!("  {t:8.1} s  {}", event.kind);
+        outln!("  {t:8.1} s  {:18} {}", event.kind.code(), event.kind);
     }
     let navigator = &runner.pipeline.navigator;
     for ((id, calibration, trust), (_, latency, sigma)) in
@@ -267,6 +258,31 @@ fn print_report(
             ]);
         }
         table.print();
+    }
+}
+
+/// What became of every source.
+fn print_sources(sources: &[SourceReport], heard: &[u64; SampleKind::ALL.len()]) {
+    outln!("\nSources, at the end");
+    let mut table = Table::new(&["", "used", "fused", "gated", "NIS", "test ratio", "health", "rejected"]);
+    for s in sources {
+        let why: Vec<String> = s.rejected.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
+        table.row(vec![
+            format!("{} {}", s.kind.label(), s.id),
+            s.used.to_string(),
+            s.fused.to_string(),
+            s.gated.to_string(),
+            number(s.nis_mean, 2),
+            number(s.test_ratio, 2),
+            s.health.label().into(),
+            why.join(", "),
+        ]);
+    }
+    table.print();
+    let silent: Vec<&str> =
+        SampleKind::ALL.into_iter().filter(|k| heard[*k as usize] == 0).map(SampleKind::label).collect();
+    if !silent.is_empty() {
+        outln!("  never heard: {}", silent.join(", "));
     }
 }
 

@@ -432,6 +432,7 @@ impl Daemon {
             mode: self.pipeline.navigator.mode(),
             sigma_m: self.solution.as_ref().map(Solution::horizontal_sigma_m),
             faulty_heights: self.faulty_heights(),
+            sources: self.pipeline.navigator.source_reports(),
             rates_hz,
             sent: self.counts.sent,
             not_finite: self.counts.not_finite,

@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::altimeter::{Channel, Health};
 use crate::navigator::solution::Mode;
+use crate::navigator::sources::status::{SourceHealth, SourceReport};
 use crate::sample::SampleKind;
 use crate::time::Span;
 use crate::wire::counters::Counters;
@@ -17,6 +18,8 @@ pub struct Summary {
     pub sigma_m: Option<f64>,
     /// Sources of heights that are declared faulty.
     pub faulty_heights: Vec<(Channel, Health)>,
+    /// Every source that was heard, as it fares at present.
+    pub sources: Vec<SourceReport>,
     /// Samples a second since the summary before, by [`SampleKind`].
     pub rates_hz: [f64; SampleKind::ALL.len()],
     /// Position messages sent.
@@ -51,6 +54,12 @@ impl fmt::Display for Summary {
         }
         for (channel, health) in &self.faulty_heights {
             write!(f, "; {} {health}", channel.label())?;
+        }
+        for s in self.sources.iter().filter(|s| s.health != SourceHealth::Healthy) {
+            write!(f, "; {} {} {}", s.kind.label(), s.id, s.health.label())?;
+            if let Some((reason, n)) = s.rejected.iter().max_by_key(|(_, n)| **n) {
+                write!(f, " ({n} {reason})")?;
+            }
         }
         write!(f, "; heard")?;
         let mut heard = false;

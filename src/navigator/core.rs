@@ -8,9 +8,9 @@ use crate::time::AutopilotTime;
 
 use super::context::SourceFacts;
 use super::environment::Surroundings;
-use super::estimator::{Estimator, StartPoint, Stepped};
+use super::estimator::{EstimatorStack, StartPoint, Stepped};
 use super::event::{EventKind, EventLog, TransitionReason};
-use super::height::Height;
+use super::height::HeightEstimate;
 use super::monitor::gnss_integrity::{GnssFault, GnssIntegrity};
 use super::monitor::mode::{Decision, ModeInputs, decide};
 use super::monitor::outage::Outage;
@@ -23,7 +23,7 @@ use super::sources::status::{SourceId, StatusBoard};
 use super::sources::{airspeed, drag};
 use super::stream::ImuStream;
 use super::timeline::Timeline;
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleState;
 
 /// IMU samples remembered: 1.5 s at 333 Hz.
 const REMEMBERED: usize = 512;
@@ -43,12 +43,12 @@ pub(super) struct Attitude {
 pub(super) struct Core {
     pub(super) settings: NavigatorSettings,
     pub(super) surroundings: Surroundings,
-    pub(super) vehicle: Vehicle,
+    pub(super) vehicle: VehicleState,
     pub(super) stream: ImuStream,
     pub(super) attitude: Attitude,
-    pub(super) estimator: Estimator,
+    pub(super) estimator: EstimatorStack,
     pub(super) timeline: Timeline,
-    pub(super) height: Height,
+    pub(super) height: HeightEstimate,
     pub(super) integrity: GnssIntegrity,
     pub(super) mode: Mode,
     pub(super) outage: Outage,
@@ -61,12 +61,12 @@ impl Core {
     pub(super) fn new(settings: NavigatorSettings) -> Self {
         Self {
             surroundings: Surroundings::new(),
-            vehicle: Vehicle::default(),
+            vehicle: VehicleState::default(),
             stream: ImuStream::default(),
             attitude: Attitude { r_body_to_ned: Matrix3::identity(), angular_rate_body: Vector3::zeros() },
-            estimator: Estimator::new(&settings),
+            estimator: EstimatorStack::new(&settings),
             timeline: Timeline::new(REMEMBERED),
-            height: Height::new(&settings.height),
+            height: HeightEstimate::new(&settings.height),
             integrity: GnssIntegrity::new(settings.gnss.trust),
             mode: Mode::Aligning,
             outage: Outage::new(),
@@ -90,7 +90,7 @@ impl Core {
     /// What a filter starts from besides the observer's state.
     pub(super) fn start_point<'a>(
         settings: &'a NavigatorSettings,
-        height: &Height,
+        height: &HeightEstimate,
         facts: &SourceFacts,
     ) -> StartPoint<'a> {
         StartPoint {

@@ -133,15 +133,69 @@ impl fmt::Display for TransitionReason {
     }
 }
 
-impl fmt::Display for EventKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl EventKind {
+    /// A word that stays the same, to search for: see [`super::event_codes::EVENTS`].
+    pub const fn code(&self) -> &'static str {
         match self {
-            EventKind::Mode { from, to, reason } => write!(f, "{} -> {}: {reason}", from.label(), to.label()),
+            EventKind::Mode { .. } => "mode",
+            EventKind::Origin(_) => "origin",
+            EventKind::Reset(_) => "position-reset",
+            EventKind::WalkedBack(_) => "gnss-walk-undone",
+            EventKind::Receiver(_) => "gnss-receiver",
+            EventKind::FlowTrusted(_) => "flow-trusted",
+            EventKind::FlowDistrusted(..) => "flow-distrusted",
+            EventKind::HeightFault { .. } => "height-fault",
+            EventKind::HeightHealed(_) => "height-healed",
+            EventKind::InertialHeight(_) => "height-inertial",
+            EventKind::HeightReset(_) => "height-reset",
+            EventKind::FilterRestarted(_) => "filter-restarted",
+            EventKind::Carried(_) => "carried-by",
+            EventKind::Bridged(_) => "imu-bridged",
+            EventKind::HeadingSought => "heading-sought",
+            EventKind::HeadingFound(_) => "heading-found",
+            _ => self.landmark_code(),
+        }
+    }
+
+    const fn landmark_code(&self) -> &'static str {
+        match self {
+            EventKind::LandmarksFound => "landmarks-found",
+            EventKind::LandmarksLost => "landmarks-lost",
+            EventKind::LandmarkContradicts(_) => "landmark-contradicts",
+            EventKind::LandmarksContradict { .. } => "landmarks-contradict",
+            EventKind::LandmarksApart(_) => "landmarks-apart",
+            EventKind::LandmarksAgree => "landmarks-agree",
+            _ => "landmark-frame",
+        }
+    }
+
+    fn write_position(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            EventKind::Mode { from, to, reason } => {
+                write!(f, "{} -> {}: {reason}", from.label(), to.label())
+            }
             EventKind::Origin(m) if *m == 0.0 => write!(f, "origin set"),
             EventKind::Origin(m) => write!(f, "origin moved by {m:.2} m"),
             EventKind::Reset(m) => write!(f, "position reset by {m:.1} m"),
             EventKind::WalkedBack(m) => write!(f, "took back {m:.1} m of GNSS drift"),
             EventKind::Receiver(n) => write!(f, "using GNSS receiver {n}"),
+            EventKind::FilterRestarted(apart) => {
+                write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
+            }
+            EventKind::Carried(source) => write!(f, "carried by {}", source.label()),
+            EventKind::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
+            EventKind::HeadingSought => {
+                write!(f, "no magnetometer: heading from GNSS acceleration, needs motion")
+            }
+            EventKind::HeadingFound(sigma) => {
+                write!(f, "heading found from motion, +- {:.0} deg", sigma.to_degrees())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn write_sensors(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
             EventKind::FlowTrusted(n) => write!(f, "flow {n} trusted"),
             EventKind::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
             EventKind::HeightFault { channel, fault: fault @ Fault::Drift { .. }, .. } => {
@@ -153,17 +207,12 @@ impl fmt::Display for EventKind {
             EventKind::HeightHealed(channel) => write!(f, "{} healthy again", channel.label()),
             EventKind::InertialHeight(m) => write!(f, "inertial height was off, moved by {m:+.1} m"),
             EventKind::HeightReset(m) => write!(f, "height reset by {m:+.1} m"),
-            EventKind::FilterRestarted(apart) => {
-                write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
-            }
-            EventKind::Carried(carrier) => write!(f, "carried by {}", carrier.label()),
-            EventKind::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
-            EventKind::HeadingSought => {
-                write!(f, "no magnetometer: heading from GNSS acceleration, needs motion")
-            }
-            EventKind::HeadingFound(sigma) => {
-                write!(f, "heading found from motion, +- {:.0} deg", sigma.to_degrees())
-            }
+            _ => Ok(()),
+        }
+    }
+
+    fn write_landmarks(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
             EventKind::LandmarksFound => write!(f, "landmarks found"),
             EventKind::LandmarksLost => write!(f, "landmarks lost"),
             EventKind::LandmarkContradicts(id) => write!(f, "landmark {id} contradicts the others"),
@@ -178,7 +227,17 @@ impl fmt::Display for EventKind {
                 heading.to_degrees(),
                 sigma.to_degrees()
             ),
+            _ => Ok(()),
         }
+    }
+}
+
+impl fmt::Display for EventKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Each writes what is its own, and nothing else.
+        self.write_position(f)?;
+        self.write_sensors(f)?;
+        self.write_landmarks(f)
     }
 }
 

@@ -38,12 +38,12 @@ pub(super) struct HeightUpdate {
 
 /// See the module's documentation.
 #[derive(Clone, Debug)]
-pub(super) struct Height {
+pub(super) struct HeightEstimate {
     filter: HeightFilter,
     heard: [Option<AutopilotTime>; 4],
 }
 
-impl Height {
+impl HeightEstimate {
     pub(super) fn new(settings: &HeightSettings) -> Self {
         Self { filter: HeightFilter::new(settings.kind, settings.altimeter), heard: [None; 4] }
     }

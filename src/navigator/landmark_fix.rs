@@ -12,7 +12,7 @@ use super::core::Core;
 use super::event::{EventKind, TransitionReason};
 use super::observation::Observation;
 use super::solution::Mode;
-use super::sources::Sources;
+use super::sources::SourceSet;
 use super::sources::landmarks::{LandmarkFix, PERIOD_S, PoseNews};
 use super::sources::status::{Measured, SourceId, SourceKind};
 
@@ -31,7 +31,7 @@ fn repeated(variance: f64, drift: f64) -> f64 {
 }
 
 /// Looks at the landmarks' pose, and does what follows.
-pub(super) fn judge(core: &mut Core, sources: &mut Sources, now: AutopilotTime) {
+pub(super) fn judge(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime) {
     let facts = sources.facts();
     let Some(landmarks) = &mut sources.landmarks else { return };
     let mut events = std::mem::take(&mut core.events);
@@ -55,7 +55,7 @@ pub(super) fn judge(core: &mut Core, sources: &mut Sources, now: AutopilotTime) 
 }
 
 /// An absolute fix without GNSS.
-fn apply(core: &mut Core, sources: &mut Sources, now: AutopilotTime, fix: &LandmarkFix, news: PoseNews) {
+fn apply(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, fix: &LandmarkFix, news: PoseNews) {
     let Some((p, _)) = core.estimator.estimate() else { return };
     let error = fix.error_from(&p);
     let lost = core.mode == Mode::Lost;
@@ -90,7 +90,13 @@ fn apply(core: &mut Core, sources: &mut Sources, now: AutopilotTime, fix: &Landm
 }
 
 /// Position and heading to the filter.
-fn fuse(core: &mut Core, sources: &mut Sources, now: AutopilotTime, error: &Vector2<f64>, fix: &LandmarkFix) {
+fn fuse(
+    core: &mut Core,
+    sources: &mut SourceSet,
+    now: AutopilotTime,
+    error: &Vector2<f64>,
+    fix: &LandmarkFix,
+) {
     let Some(landmarks) = &mut sources.landmarks else { return };
     let Some(environment) = core.surroundings.environment() else { return };
     let filter = landmarks.setup().filter;
@@ -113,7 +119,13 @@ fn fuse(core: &mut Core, sources: &mut Sources, now: AutopilotTime, error: &Vect
 }
 
 /// The position is where the landmarks say, whatever was believed of it.
-fn relocate(core: &mut Core, sources: &Sources, now: AutopilotTime, error: &Vector2<f64>, fix: &LandmarkFix) {
+fn relocate(
+    core: &mut Core,
+    sources: &SourceSet,
+    now: AutopilotTime,
+    error: &Vector2<f64>,
+    fix: &LandmarkFix,
+) {
     let shift = Vector3::new(error.x, error.y, 0.0);
     if !core.estimator.reset_position(error, fix.covariance.trace().max(0.0).sqrt()) {
         core.estimator.relocate(&shift);

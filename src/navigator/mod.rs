@@ -24,6 +24,7 @@ mod core;
 mod environment;
 mod estimator;
 pub mod event;
+pub mod event_codes;
 mod height;
 mod landmark_fix;
 pub mod monitor;
@@ -58,21 +59,21 @@ use monitor::{GnssFault, GnssState};
 use reset::Reset;
 use settings::NavigatorSettings;
 use solution::{Mode, Solution};
-use sources::Sources;
-use sources::status::{SourceHealth, SourceId, SourceStatus, StatusBoard};
+use sources::SourceSet;
+use sources::status::{SourceId, SourceReport, StatusBoard};
 use verdict::Verdict;
 
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Navigator {
     core: Core,
-    sources: Sources,
+    sources: SourceSet,
 }
 
 impl Navigator {
     /// A navigator that has heard nothing yet.
     pub fn new(settings: NavigatorSettings) -> Self {
-        Self { sources: Sources::new(&settings), core: Core::new(settings) }
+        Self { sources: SourceSet::new(&settings), core: Core::new(settings) }
     }
 
     /// Takes one sample, in the order in which samples arrive; late ones are compared with the past they belong to.
@@ -138,10 +139,6 @@ impl Navigator {
         self.sources.reset(reset);
     }
 
-    fn context(&self) -> Context<'_> {
-        Context { core: &self.core, facts: self.sources.facts() }
-    }
-
     /// The newest solution; `None` until the attitude has a first guess.
     pub fn solution(&self) -> Option<Solution> {
         let core = &self.core;
@@ -195,9 +192,13 @@ impl Navigator {
         &self.core.statuses
     }
 
-    /// Whether a source can be believed at present.
-    pub fn health(&self, status: &SourceStatus) -> SourceHealth {
-        self.sources.health(status, &self.context())
+    /// Every source that was ever heard, as it fares at present, by kind and id.
+    pub fn source_reports(&self) -> Vec<SourceReport> {
+        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let report = |status| SourceReport::new(status, self.sources.health(status, &context));
+        let mut reports: Vec<_> = self.core.statuses.iter().map(report).collect();
+        reports.sort_by_key(|r| (r.kind, r.id));
+        reports
     }
 
     /// The state of the filter that runs, with what it has learned of the sensors.

@@ -45,7 +45,7 @@ pub(super) enum Observation {
 
 /// How a scalar fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Score {
+pub(super) enum FitScore {
     /// Fused, with its normalised innovation squared.
     Fused(f64),
     /// Outside the gate, with its innovation in sigmas.
@@ -58,7 +58,7 @@ const SCALARS: usize = 8;
 /// What became of an observation, scalar by scalar, and what it moved.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fused {
-    scores: [Option<(Measured, Score)>; SCALARS],
+    scores: [Option<(Measured, FitScore)>; SCALARS],
     /// Sum of the corrections of the position, NED, m …
     pub(super) position_ned: Vector3<f64>,
     /// … and of the velocity, m/s.
@@ -103,9 +103,9 @@ impl Fused {
                 let (p, v, nis) = correction.shift();
                 self.position_ned += p;
                 self.velocity_ned += v;
-                Score::Fused(nis)
+                FitScore::Fused(nis)
             }
-            Err(Gated(sigmas)) => Score::Gated(*sigmas),
+            Err(Gated(sigmas)) => FitScore::Gated(*sigmas),
         };
         if let Some(free) = self.scores.iter_mut().find(|s| s.is_none()) {
             *free = Some((measured, score));
@@ -126,22 +126,22 @@ impl Fused {
     }
 
     /// Scores, in the order in which they came.
-    pub(super) fn scores(&self) -> impl Iterator<Item = (Measured, Score)> + '_ {
+    pub(super) fn scores(&self) -> impl Iterator<Item = (Measured, FitScore)> + '_ {
         self.scores.iter().flatten().copied()
     }
 
     /// Whether something was offered and none of it gated.
     pub(super) fn taken(&self) -> bool {
-        self.scores[0].is_some() && self.scores().all(|(_, s)| matches!(s, Score::Fused(_)))
+        self.scores[0].is_some() && self.scores().all(|(_, s)| matches!(s, FitScore::Fused(_)))
     }
 
     /// Whether some scalar of this kind was taken.
     pub(super) fn took(&self, measured: Measured) -> bool {
-        self.scores().any(|(m, s)| m == measured && matches!(s, Score::Fused(_)))
+        self.scores().any(|(m, s)| m == measured && matches!(s, FitScore::Fused(_)))
     }
 
     /// Whether some scalar of this kind was gated.
     pub(super) fn gated(&self, measured: Measured) -> bool {
-        self.scores().any(|(m, s)| m == measured && matches!(s, Score::Gated(_)))
+        self.scores().any(|(m, s)| m == measured && matches!(s, FitScore::Gated(_)))
     }
 }

@@ -12,7 +12,7 @@ use super::reset::Reset;
 use super::sources::status::{SourceId, SourceKind};
 use super::stream::Heard;
 use super::timeline::Snapshot;
-use super::vehicle::Vehicle;
+use super::vehicle::VehicleState;
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, landmark_fix};
 
@@ -229,7 +229,7 @@ impl Core {
             return;
         }
         let height =
-            self.height.height_m().filter(|_| self.height.height_sigma_m() < Vehicle::TELLING_SIGMA_M);
+            self.height.height_m().filter(|_| self.height.height_sigma_m() < VehicleState::TELLING_SIGMA_M);
         let above_m = height.zip(ground_m).map(|(height, ground)| height - ground);
         self.vehicle.seen_moving(self.estimator.estimate().map(|(_, v)| v.xy().norm()), above_m);
     }

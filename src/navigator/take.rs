@@ -14,7 +14,7 @@ use super::height::{HeightReading, verdict};
 use super::monitor::gnss_integrity::{GnssFault, Standing};
 use super::observation::{Fused, Observation};
 use super::reset::Reset;
-use super::sources::flow::{FlowInput, FlowVelocity, PatchArrival};
+use super::sources::flow::{FlowInput, MeasuredFlow, PatchArrival};
 use super::sources::gnss::{FixReading, Receiver, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
@@ -338,7 +338,7 @@ impl Navigator {
     }
 
     /// GNSS is there: the sensor is compared with it, and helps where it is trusted.
-    fn compare_flow(&mut self, m: &FlowVelocity, index: usize) -> Result<(), Reason> {
+    fn compare_flow(&mut self, m: &MeasuredFlow, index: usize) -> Result<(), Reason> {
         let context = Context { core: &self.core, facts: self.sources.facts() };
         let compared = self.sources.flow.compare(m, index, &context)?;
         let now = self.core.stream.newest().unwrap_or(m.time);
@@ -352,7 +352,7 @@ impl Navigator {
     }
 
     /// GNSS is gone: the flow carries the velocity.
-    fn carry_flow(&mut self, m: &FlowVelocity, index: usize) -> Result<(), Reason> {
+    fn carry_flow(&mut self, m: &MeasuredFlow, index: usize) -> Result<(), Reason> {
         let context = Context { core: &self.core, facts: self.sources.facts() };
         let carry = self.sources.flow.carry(m, index, &context)?;
         let now = self.core.stream.newest().unwrap_or(m.time);

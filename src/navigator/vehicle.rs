@@ -10,13 +10,13 @@ const FLYING_M: f64 = 3.0;
 
 /// The vehicle's own word, and what contradicts it.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Vehicle {
+pub(super) struct VehicleState {
     status: VehicleStatus,
     /// It was in the air while it said that it was disarmed.
     flew_disarmed: bool,
 }
 
-impl Vehicle {
+impl VehicleState {
     /// What the autopilot says.
     pub(super) fn says(&mut self, status: VehicleStatus) {
         if status.armed == Some(true) {
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_flies_is_not_disarmed_until_it_reboots() {
-        let mut vehicle = Vehicle::default();
+        let mut vehicle = VehicleState::default();
         vehicle.says(VehicleStatus { armed: Some(false), ..VehicleStatus::default() });
         assert!(vehicle.disarmed());
         vehicle.seen_moving(Some(1.0), Some(1.0));

@@ -99,7 +99,7 @@ fn surveyed() -> LandmarkSetup {
 /// What came of a flight.
 struct Flight {
     navigator: Navigator,
-    events: Vec<(f64, What)>,
+    events: Vec<(f64, EventKind)>,
     /// Largest horizontal error of what is published, and largest ratio of it to its standard deviation, after landmarks took over.
     error_m: f64,
     over_sigma: f64,
@@ -114,13 +114,13 @@ struct Flight {
 }
 
 impl Flight {
-    fn told(&self, wanted: impl Fn(&What) -> bool) -> bool {
+    fn told(&self, wanted: impl Fn(&EventKind) -> bool) -> bool {
         self.events.iter().any(|(_, what)| wanted(what))
     }
 
     fn rejected(&self, wanted: Reason) -> u64 {
         self.navigator
-            .tally()
+            .statuses()
             .rejected(SampleKind::Landmark)
             .filter(|(r, _)| *r == wanted)
             .map(|(_, n)| n)
@@ -397,7 +397,7 @@ fn ordered_float(v: f64) -> u64 {
 fn a_field_that_contradicts_gnss_is_told_and_never_used() {
     let moved = field().markers.iter().map(|(id, p)| (*id, p + Vector3::new(25.0, 0.0, 0.0)));
     let f = fly(Some(setup(moved)), &[], unchanged);
-    let apart = |w: &What| matches!(w, EventKind::LandmarksApart(m) if (m - 25.0).abs() < 3.0);
+    let apart = |w: &EventKind| matches!(w, EventKind::LandmarksApart(m) if (m - 25.0).abs() < 3.0);
     assert!(f.told(apart), "{:?}", f.events);
     assert_eq!(f.on_landmarks_s, 0.0);
     let without = fly(None, &[], unchanged);

@@ -39,7 +39,7 @@ struct Log {
     /// Time, truth and solution ten times a second.
     states: Vec<(f64, Truth, Solution)>,
     modes: Vec<(f64, Mode)>,
-    events: Vec<(f64, What)>,
+    events: Vec<(f64, EventKind)>,
 }
 
 fn at(t: f64) -> AutopilotTime {
@@ -397,7 +397,7 @@ fn without_magnetometer_and_flow_motion_shows_the_heading() {
     for trajectory in flights {
         for seed in 1..4 {
             let log = fly(&Flight { trajectory, gnss: &gnss, flow: false, seed }, 240.0, &NO_DIRECTION);
-            let found = |w: &What| matches!(w, EventKind::HeadingFound(sigma) if *sigma < 0.18);
+            let found = |w: &EventKind| matches!(w, EventKind::HeadingFound(sigma) if *sigma < 0.18);
             let (at, _) = log.events.iter().find(|(_, w)| found(w)).unwrap();
             assert!(*at < 40.0 && log.mode_at(at + 1.0) == Mode::Aided, "seed {seed}: {at} s");
             let modes: Vec<Mode> = log.modes.iter().map(|(_, m)| *m).collect();

@@ -13,9 +13,10 @@ use crate::time::{AutopilotTime, Span};
 use super::super::environment::LocalEnvironment;
 use super::super::observation::{Fused, Observation};
 use super::super::settings::{Estimator as Kind, NavigatorSettings};
+use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::super::timeline::Timeline;
-use super::{Stepped, Watch};
+use super::step::{Progress, StepInput, Stepped, Watch};
 
 /// Standard deviations at the start: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
 pub(super) const START_TILT: f64 = 0.05;
@@ -305,6 +306,34 @@ impl ErrorStateStage {
         let acceleration = self.filter.state().r_body_to_ned * force + environment.gravity_ned;
         self.filter.is_finite().then(|| self.stepped(s, acceleration))
     }
+}
+
+/// One IMU sample for the filter, if it runs, after the observer has taken it. Where they disagree for long the filter starts anew; how far
+/// apart they were, rad, is returned too. A filter that is not finite any more is given up.
+pub(super) fn step(
+    stage: &mut Option<Box<ErrorStateStage>>,
+    s: &ImuSample,
+    dt: f64,
+    input: &StepInput<'_>,
+    progress: &Progress<'_>,
+    fused: &mut Fused,
+) -> (Option<Stepped>, Option<f64>) {
+    let Some(filter) = stage else { return (None, None) };
+    let Some(acceleration) = filter.step(s, dt, input.environment, input.height_m, fused) else {
+        *stage = None;
+        return (None, None);
+    };
+    // An observer that follows the filter has nothing to say about it.
+    let watching = input.mode == Mode::Aided && !progress.led;
+    let apart = if watching { filter.apart(progress.observed) } else { None };
+    let restarted = apart.filter(|_| filter.watch.disagrees(s.time, apart) && progress.calm);
+    if restarted.is_some()
+        && let Some(anew) =
+            ErrorStateStage::start(s.time, progress.observed, &input.start_point(), &StartSigmas::OBSERVED)
+    {
+        **filter = anew;
+    }
+    (Some(filter.stepped(s, acceleration)), restarted)
 }
 
 /// What the filter of this estimator is: the baseline knows of attitude, position, velocity, IMU biases and a flow bias only.

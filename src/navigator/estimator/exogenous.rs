@@ -17,13 +17,14 @@ use crate::time::{AutopilotTime, Span};
 
 use super::super::environment::LocalEnvironment;
 use super::super::observation::{Fused, Observation};
+use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::super::timeline::Timeline;
 use super::error_state::{
     HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, START_ACCEL_BIAS, START_GYRO_BIAS, START_TILT,
     START_VELOCITY, START_YAW, StartPoint,
 };
-use super::{StepInput, Stepped, Watch};
+use super::step::{Progress, StepInput, Stepped, Watch};
 
 /// The second stage has no states for what comes with motion (gyro scale, vibration, the sampling of the stream): its white noise, as a
 /// multiple of the shipped filter's, stands for all of it.
@@ -191,4 +192,36 @@ impl ExogenousStage {
             | Observation::Pose { .. } => {}
         }
     }
+}
+
+/// One IMU sample for the stage, after the observer has taken it; it starts when the observer has converged. Where they disagree for long it
+/// starts anew; how far apart they were, rad, is returned too.
+pub(super) fn step(
+    stage: &mut Option<Box<ExogenousStage>>,
+    s: &ImuSample,
+    dt: f64,
+    input: &StepInput<'_>,
+    progress: &Progress<'_>,
+    fused: &mut Fused,
+) -> (Option<Stepped>, Option<f64>) {
+    let start = || {
+        let time_constant = progress.flow_bias_time_constant_s;
+        ExogenousStage::start(s.time, progress.observed, &input.start_point(), time_constant).map(Box::new)
+    };
+    let aided = input.mode == Mode::Aided;
+    if stage.is_none() && aided && progress.calm {
+        *stage = start();
+    }
+    let Some(filter) = stage else { return (None, None) };
+    if !filter.step(s, dt, progress.observed, input, fused) {
+        *stage = None;
+        return (None, None);
+    }
+    let apart = aided.then(|| filter.apart());
+    let restarted = apart.filter(|_| filter.watch.disagrees(s.time, apart) && progress.calm);
+    if restarted.is_some() {
+        *stage = start();
+    }
+    let stepped = stage.as_ref().map(|filter| filter.stepped(s, progress.injected_ned, input.environment));
+    (stepped, restarted)
 }

@@ -4,18 +4,19 @@
 //! `inertial` publish the error-state filter ([`error_state`]), which the observer starts and watches; `xkf` publishes the exogenous Kalman
 //! filter over it ([`exogenous`]). Where nothing tells a heading, [`heading`] finds it from motion.
 //!
-//! Sources give [`Observation`]s; nobody else changes the estimate.
+//! SourceSet give [`Observation`]s; nobody else changes the estimate.
 
 mod error_state;
 mod exogenous;
 mod heading;
 mod observer;
+mod step;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::filter::HeadingEstimate;
 use crate::filter::error_state::EskfState;
-use crate::observer::{Innovation, MagneticPair, ObserverState, StepReport};
+use crate::observer::{Innovation, ObserverState};
 use crate::sample::ImuSample;
 use crate::time::AutopilotTime;
 
@@ -33,20 +34,12 @@ use error_state::{ErrorStateStage, StartSigmas};
 use exogenous::ExogenousStage;
 use heading::HeadingSearch;
 use observer::{ObserverStage, WAIT_FOR_MAGNETOMETER_S};
+use step::{Progress, is_blind};
+pub(super) use step::{SeekInput, StepInput, StepOutcome, Stepped, has_flow, has_magnetometer};
 
-/// Trusted fixes that are gated out for this long mean that the filter is wrong, s.
-const LOCKED_OUT_S: f64 = 2.0;
-/// Observer and filter disagree when their attitudes differ by this much, rad …
-const DISAGREEMENT: f64 = 0.35;
-/// … for this long, s.
-const DISAGREEMENT_S: f64 = 5.0;
 /// Standard deviation of the velocity when a fix has set it, and when it could not, m/s.
 const AIDED_SPEED_SIGMA: f64 = 0.3;
 const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
-/// A magnetometer sample is used for this long, s.
-const MAGNETIC_AGE_S: f64 = 0.5;
-/// A flow velocity is used for this long, s.
-const FLOW_AGE_S: f64 = 0.5;
 
 /// The stage over the observer.
 #[derive(Clone, Debug)]
@@ -59,119 +52,15 @@ enum Stage {
     Exogenous(Option<Box<ExogenousStage>>),
 }
 
-/// Since when a stage has disagreed with what it stands on.
-#[derive(Clone, Copy, Debug, Default)]
-struct Watch {
-    disagree_since: Option<AutopilotTime>,
-    /// Since when trusted fixes have been gated out.
-    locked_out_since: Option<AutopilotTime>,
-}
-
-impl Watch {
-    /// Whether a disagreement of `apart` rad has lasted for too long.
-    fn disagrees(&mut self, now: AutopilotTime, apart: Option<f64>) -> bool {
-        if apart.is_none_or(|a| a < DISAGREEMENT) {
-            self.disagree_since = None;
-            return false;
-        }
-        now.seconds_since(*self.disagree_since.get_or_insert(now)) > DISAGREEMENT_S
-    }
-
-    /// Whether fixes have been gated out for too long.
-    fn locked_out(&mut self, now: AutopilotTime, taken: bool) -> bool {
-        self.locked_out_since = if taken { None } else { Some(self.locked_out_since.unwrap_or(now)) };
-        self.locked_out_since.is_some_and(|t| now.seconds_since(t) > LOCKED_OUT_S)
-    }
-}
-
-/// What an IMU step needs besides the sample.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct StepInput<'a> {
-    pub(super) settings: &'a NavigatorSettings,
-    pub(super) environment: &'a LocalEnvironment,
-    pub(super) mode: Mode,
-    /// GNSS is not navigated on.
-    pub(super) dead_reckoning: bool,
-    /// What carries the velocity without it is the flow.
-    pub(super) carried_by_flow: bool,
-    pub(super) height_m: Option<f64>,
-    pub(super) height_sigma_m: f64,
-    pub(super) climb_mps: f64,
-    /// The newest magnetic field, body, T.
-    pub(super) magnetic: Option<(AutopilotTime, Vector3<f64>)>,
-    /// The newest corrected flow velocity, body, m/s.
-    pub(super) flow_velocity: Option<(AutopilotTime, Vector3<f64>)>,
-    pub(super) gnss_sigma_m: f64,
-}
-
-impl StepInput<'_> {
-    fn magnetic_pair(&self, now: AutopilotTime) -> Option<MagneticPair> {
-        let (time, field_body) = self.magnetic?;
-        let field_ned = self.environment.field_ned?;
-        (now.seconds_since(time) < MAGNETIC_AGE_S).then_some(MagneticPair { field_body, field_ned })
-    }
-
-    fn flow_body(&self, now: AutopilotTime) -> Option<Vector3<f64>> {
-        self.flow_velocity.filter(|(t, _)| now.seconds_since(*t) < FLOW_AGE_S).map(|(_, v)| v)
-    }
-
-    fn start_point(&self) -> StartPoint<'_> {
-        StartPoint {
-            settings: self.settings,
-            height_m: self.height_m,
-            height_sigma_m: self.height_sigma_m,
-            position_sigma_m: self.gnss_sigma_m,
-        }
-    }
-}
-
-/// Whether a magnetometer is heard.
-pub(super) fn has_magnetometer(facts: &SourceFacts, now: AutopilotTime) -> bool {
-    facts.magnetic.is_some_and(|(t, _)| now.seconds_since(t) < MAGNETIC_AGE_S)
-}
-
-/// Whether there is a fresh flow velocity.
-pub(super) fn has_flow(facts: &SourceFacts, now: AutopilotTime) -> bool {
-    facts.flow_velocity.is_some_and(|(t, _)| now.seconds_since(t) < FLOW_AGE_S)
-}
-
-/// Whether an observer has no direction but gravity.
-fn is_blind(facts: &SourceFacts, now: AutopilotTime) -> bool {
-    !has_flow(facts, now) && !has_magnetometer(facts, now)
-}
-
-/// What a step gives.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Stepped {
-    pub(super) r_body_to_ned: Matrix3<f64>,
-    /// Gyro bias taken out, rad/s.
-    pub(super) angular_rate_body: Vector3<f64>,
-    /// m/s².
-    pub(super) acceleration_ned: Vector3<f64>,
-    /// What the observer's signal goes on with, m/s².
-    pub(super) injected_ned: Vector3<f64>,
-}
-
-/// What came of an IMU step.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct StepOutcome {
-    pub(super) stepped: Stepped,
-    pub(super) report: StepReport,
-    /// What was fused on the way.
-    pub(super) fused: Fused,
-    /// The stage was started anew; it had been this far from the observer, rad.
-    pub(super) restarted: Option<f64>,
-}
-
 /// See the module's documentation.
 #[derive(Clone, Debug)]
-pub(super) struct Estimator {
+pub(super) struct EstimatorStack {
     observer: ObserverStage,
     stage: Stage,
     heading: HeadingSearch,
 }
 
-impl Estimator {
+impl EstimatorStack {
     pub(super) fn new(settings: &NavigatorSettings) -> Self {
         let stage = match settings.estimator {
             Kind::Shipped | Kind::Ekf15 | Kind::Inertial => Stage::ErrorState(None),
@@ -291,7 +180,18 @@ impl Estimator {
         let report = self.observer.step(s, dt, input)?;
         let observed = *self.observer.state()?;
         let mut fused = Fused::nothing();
-        let (stepped, restarted) = self.step_stage(s, dt, input, facts, &observed, &report, &mut fused);
+        let progress = Progress {
+            observed: &observed,
+            calm: self.observer.alignment.calm(),
+            led: self.is_led(facts, s.time),
+            injected_ned: report.acceleration_ned,
+            flow_bias_time_constant_s: self.observer.fusini().flow_bias_time_constant_s,
+        };
+        let (stepped, restarted) = match &mut self.stage {
+            Stage::Observer => (None, None),
+            Stage::ErrorState(stage) => error_state::step(stage, s, dt, input, &progress, &mut fused),
+            Stage::Exogenous(stage) => exogenous::step(stage, s, dt, input, &progress, &mut fused),
+        };
         let stepped = stepped.unwrap_or_else(|| {
             let r = observed.r_body_to_ned().unwrap_or(*r_body_to_ned);
             Stepped {
@@ -302,66 +202,6 @@ impl Estimator {
             }
         });
         Some(StepOutcome { stepped, report, fused, restarted })
-    }
-
-    #[allow(clippy::too_many_arguments, reason = "one step has one input, spread over its owners")]
-    fn step_stage(
-        &mut self,
-        s: &ImuSample,
-        dt: f64,
-        input: &StepInput<'_>,
-        facts: &SourceFacts,
-        observed: &ObserverState,
-        report: &StepReport,
-        fused: &mut Fused,
-    ) -> (Option<Stepped>, Option<f64>) {
-        let now = s.time;
-        let calm = self.observer.alignment.calm();
-        let led = self.is_led(facts, now);
-        let time_constant = self.observer.fusini().flow_bias_time_constant_s;
-        match &mut self.stage {
-            Stage::Observer => (None, None),
-            Stage::ErrorState(stage) => {
-                let Some(filter) = stage else { return (None, None) };
-                let Some(acceleration) = filter.step(s, dt, input.environment, input.height_m, fused) else {
-                    *stage = None;
-                    return (None, None);
-                };
-                // An observer that follows the filter has nothing to say about it.
-                let watching = input.mode == Mode::Aided && !led;
-                let apart = if watching { filter.apart(observed) } else { None };
-                let restarted = apart.filter(|_| filter.watch.disagrees(now, apart) && calm);
-                if restarted.is_some()
-                    && let Some(anew) =
-                        ErrorStateStage::start(now, observed, &input.start_point(), &StartSigmas::OBSERVED)
-                {
-                    **filter = anew;
-                }
-                (Some(filter.stepped(s, acceleration)), restarted)
-            }
-            Stage::Exogenous(stage) => {
-                let start = || {
-                    ExogenousStage::start(now, observed, &input.start_point(), time_constant).map(Box::new)
-                };
-                if stage.is_none() && input.mode == Mode::Aided && calm {
-                    *stage = start();
-                }
-                let Some(filter) = stage else { return (None, None) };
-                if !filter.step(s, dt, observed, input, fused) {
-                    *stage = None;
-                    return (None, None);
-                }
-                let apart = (input.mode == Mode::Aided).then(|| filter.apart());
-                let restarted = apart.filter(|_| filter.watch.disagrees(now, apart) && calm);
-                if restarted.is_some() {
-                    *stage = start();
-                }
-                let stepped = stage
-                    .as_ref()
-                    .map(|filter| filter.stepped(s, report.acceleration_ned, input.environment));
-                (stepped, restarted)
-            }
-        }
     }
 
     /// Takes an observation.
@@ -593,12 +433,4 @@ impl Estimator {
             }
         }
     }
-}
-
-/// What the search for a heading needs besides the sample.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SeekInput<'a> {
-    pub(super) settings: &'a NavigatorSettings,
-    pub(super) environment: &'a LocalEnvironment,
-    pub(super) facts: &'a SourceFacts,
 }

@@ -16,7 +16,7 @@ use crate::time::{AutopilotTime, Span};
 use super::super::environment::LocalEnvironment;
 use super::super::settings::{Estimator as Kind, FlowBiasSource, NavigatorSettings, ObserverSettings};
 use super::super::solution::Mode;
-use super::StepInput;
+use super::step::StepInput;
 
 /// The interval that Grip's printed gains are for, s. Jitter makes no second step of it.
 const PRINTED_STEP_S: f64 = 0.012;
@@ -85,7 +85,7 @@ fn tuned_fusini(settings: &ObserverSettings) -> FusiniParams {
 
 /// How far the search for the attitude has come.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in super::super) struct Alignment {
+pub(in super::super) struct AttitudeSearch {
     started: Option<AutopilotTime>,
     /// When the attitude got its first guess.
     attitude_started: Option<AutopilotTime>,
@@ -93,7 +93,7 @@ pub(in super::super) struct Alignment {
     calm_since: Option<AutopilotTime>,
 }
 
-impl Alignment {
+impl AttitudeSearch {
     /// The search begins, or begins anew: what came before there was a place could not be used.
     pub(in super::super) fn start(&mut self, time: AutopilotTime) {
         self.started = Some(time);
@@ -143,14 +143,14 @@ pub(in super::super) struct ObserverStage {
     /// `None` until the attitude has a first guess.
     pub(super) state: Option<ObserverState>,
     pub(super) predictor: Predictor,
-    pub(in super::super) alignment: Alignment,
+    pub(in super::super) alignment: AttitudeSearch,
 }
 
 impl ObserverStage {
     pub(super) fn new(settings: &NavigatorSettings) -> Self {
         let params = ObserverParams::new(settings);
         let predictor = Predictor::new(params.scheme, LONGEST_DELAY, SIGNAL_HOLD, Vector3::zeros());
-        Self { params, state: None, predictor, alignment: Alignment::default() }
+        Self { params, state: None, predictor, alignment: AttitudeSearch::default() }
     }
 
     /// The frame's origin is at a place.

@@ -126,7 +126,7 @@ pub enum Standing {
 
 /// How the positions moved, by the velocities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Motion {
+enum TrackMotion {
     Consistent,
     /// One fix jumped.
     Stepped,
@@ -229,12 +229,16 @@ impl GnssIntegrity {
         innovation: Option<FixInnovation>,
     ) -> Result<Standing, GnssFault> {
         let s = self.settings;
-        let motion = velocity_ne.map_or(Motion::Consistent, |v| self.follow(time, position_ne, v));
-        if motion == Motion::Stepped {
+        let motion = velocity_ne.map_or(TrackMotion::Consistent, |v| self.follow(time, position_ne, v));
+        if motion == TrackMotion::Stepped {
             return Err(GnssFault::PositionJump);
         }
         let Some(i) = innovation else {
-            return if motion == Motion::RanAway { Err(GnssFault::Inconsistent) } else { Ok(Standing::Near) };
+            return if motion == TrackMotion::RanAway {
+                Err(GnssFault::Inconsistent)
+            } else {
+                Ok(Standing::Near)
+            };
         };
         let velocity_sigma = self.velocity_ms.sqrt().hypot(i.velocity_sigma_mps);
         let jumped = i.position_m > self.position_gate(i.position_sigma_m);
@@ -244,7 +248,7 @@ impl GnssIntegrity {
         if self.trusted() && jumped {
             return Err(GnssFault::PositionJump);
         }
-        if motion == Motion::RanAway {
+        if motion == TrackMotion::RanAway {
             return Err(GnssFault::Inconsistent);
         }
         if !self.trusted() {
@@ -352,7 +356,7 @@ impl GnssIntegrity {
         time: AutopilotTime,
         position_ne: Vector2<f64>,
         velocity_ne: Vector2<f64>,
-    ) -> Motion {
+    ) -> TrackMotion {
         let s = self.settings;
         let mut stepped = false;
         let travelled_ne = match self.newest() {
@@ -400,11 +404,11 @@ impl GnssIntegrity {
         // Receivers filter position and velocity differently: some tenths of a second of the change of velocity are no lie.
         let slack = 0.25 * (velocity_ne - from.velocity_ne).norm();
         if stepped {
-            Motion::Stepped
+            TrackMotion::Stepped
         } else if self.run_away_ne.norm() > s.consistency_limit_m + s.consistency_rate_mps * window + slack {
-            Motion::RanAway
+            TrackMotion::RanAway
         } else {
-            Motion::Consistent
+            TrackMotion::Consistent
         }
     }
 }

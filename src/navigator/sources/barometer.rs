@@ -24,7 +24,7 @@ const CHANNELS: [Channel; 2] = [Channel::Baro, Channel::SecondBaro];
 
 /// The same pressure, told again and again.
 #[derive(Clone, Copy, Debug)]
-struct Same {
+struct SamePressure {
     since: AutopilotTime,
     pressure_pa: f64,
     /// Where the height was then, m, if it was known and has only been climbed from since.
@@ -33,22 +33,22 @@ struct Same {
 
 /// One that is listened to.
 #[derive(Clone, Copy, Debug)]
-struct Barometer {
+struct KnownBarometer {
     sensor: u8,
     heard: AutopilotTime,
-    same: Same,
+    same: SamePressure,
     stuck: bool,
 }
 
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct BarometerSource {
-    barometers: [Option<Barometer>; 2],
+    barometers: [Option<KnownBarometer>; 2],
 }
 
 /// A pressure as a height.
 #[derive(Clone, Copy, Debug)]
-pub(in super::super) struct BarometerReading {
+pub(in super::super) struct BarometerHeight {
     pub(in super::super) reading: HeightReading,
     /// The channel was another barometer's.
     pub(in super::super) another: bool,
@@ -61,7 +61,7 @@ impl BarometerSource {
         &mut self,
         s: &PressureSample,
         context: &Context<'_>,
-    ) -> Result<BarometerReading, Reason> {
+    ) -> Result<BarometerHeight, Reason> {
         let height_m = pressure_altitude_m(s.pressure_pa).ok_or(Reason::NotFinite)?;
         let now = context.now().ok_or(Reason::NoReferenceYet)?;
         let index = self.place(s).ok_or(Reason::Redundant)?;
@@ -74,7 +74,7 @@ impl BarometerSource {
         }
         let another = known.is_none() && self.barometers[index].is_some();
         let estimated = context.core.height.height_m();
-        let barometer = known.map_or_else(|| Barometer::new(s, estimated), |b| b.told(s, estimated));
+        let barometer = known.map_or_else(|| KnownBarometer::new(s, estimated), |b| b.told(s, estimated));
         self.barometers[index] = Some(barometer);
         let usable = if barometer.stuck {
             Err(Reason::Stuck)
@@ -86,7 +86,7 @@ impl BarometerSource {
         };
         let age_s = now.seconds_since(s.time);
         let reading = HeightReading { channel: CHANNELS[index], height_m, sigma_m: None, age_s };
-        Ok(BarometerReading { reading, another, usable })
+        Ok(BarometerHeight { reading, another, usable })
     }
 
     /// Which of the two barometers a sample is of.
@@ -119,21 +119,21 @@ impl BarometerSource {
     }
 }
 
-impl Barometer {
+impl KnownBarometer {
     fn new(s: &PressureSample, height_m: Option<f64>) -> Self {
-        let same = Same { since: s.time, pressure_pa: s.pressure_pa, height_m };
+        let same = SamePressure { since: s.time, pressure_pa: s.pressure_pa, height_m };
         Self { sensor: s.sensor, heard: s.time, same, stuck: false }
     }
 
     /// With a sample that was just heard.
     fn told(self, s: &PressureSample, height_m: Option<f64>) -> Self {
-        let Same { since, pressure_pa, height_m: then_m } = self.same;
+        let SamePressure { since, pressure_pa, height_m: then_m } = self.same;
         if pressure_pa != s.pressure_pa {
             return Self::new(s, height_m);
         }
         let climbed = height_m.zip(then_m).is_some_and(|(now, then)| (now - then).abs() > STUCK_CLIMB_M);
         let stuck = self.stuck || (climbed && s.time.seconds_since(since) > STUCK_S);
-        let same = Same { height_m: then_m.or(height_m), ..self.same };
+        let same = SamePressure { height_m: then_m.or(height_m), ..self.same };
         Self { heard: s.time, same, stuck, ..self }
     }
 }

@@ -14,7 +14,7 @@ use crate::sample::{Airframe, ImuSample};
 use crate::time::AutopilotTime;
 
 use super::super::context::{Context, SourceFacts};
-use super::super::estimator::Estimator as EstimatorStack;
+use super::super::estimator::EstimatorStack;
 use super::super::observation::{Fused, Observation};
 use super::super::reset::Reset;
 use super::super::settings::Estimator;

@@ -22,7 +22,7 @@ const STUCK_LOOK_S: f64 = 2.0;
 
 /// The same field, told again and again.
 #[derive(Clone, Copy, Debug)]
-struct Same {
+struct SameField {
     since: AutopilotTime,
     field: Vector3<f64>,
     /// While the vehicle turned: it is stuck.
@@ -33,7 +33,7 @@ struct Same {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct MagnetometerSource {
     newest: Option<(AutopilotTime, Vector3<f64>)>,
-    same: Option<Same>,
+    same: Option<SameField>,
 }
 
 impl MagnetometerSource {
@@ -84,7 +84,7 @@ impl MagnetometerSource {
     /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.
     fn is_stuck(&mut self, s: &MagSample, now: Option<AutopilotTime>, timeline: &Timeline) -> bool {
         let Some(same) = self.same.filter(|same| same.field == s.field_body) else {
-            self.same = Some(Same { since: s.time, field: s.field_body, stuck: false });
+            self.same = Some(SameField { since: s.time, field: s.field_body, stuck: false });
             return false;
         };
         let now = now.map_or(s.time, |now| now.min(s.time));
@@ -93,7 +93,7 @@ impl MagnetometerSource {
         // What turns slower than this may be a gyro's bias.
         let turned = |w: Vector3<f64>| (w.norm() - STUCK_RATE) * elapsed > STUCK_TURN;
         let stuck = same.stuck || (elapsed > STUCK_S && timeline.mean_rate(from, now).is_some_and(turned));
-        self.same = Some(Same { stuck, ..same });
+        self.same = Some(SameField { stuck, ..same });
         stuck
     }
 

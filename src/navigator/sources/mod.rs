@@ -1,4 +1,4 @@
-//! Sources: one file a sensor, each with its state and with what makes it start, stop, be used and be forgotten.
+//! SourceSet: one file a sensor, each with its state and with what makes it start, stop, be used and be forgotten.
 //!
 //! A source turns a sample into an observation, or into a reason why not. It reads the [`super::context::Context`]; it never touches the
 //! estimator. To add one: a file here, an arm in [`SourceKind`](status::SourceKind), and a line where its samples come in.
@@ -31,7 +31,7 @@ const LATE_S: f64 = 0.5;
 
 /// Every source of a vehicle.
 #[derive(Clone, Debug)]
-pub(super) struct Sources {
+pub(super) struct SourceSet {
     pub(super) gnss: gnss::GnssSource,
     pub(super) magnetometer: magnetometer::MagnetometerSource,
     pub(super) barometer: barometer::BarometerSource,
@@ -44,7 +44,7 @@ pub(super) struct Sources {
     pub(super) landmarks: Option<landmarks::LandmarkSource>,
 }
 
-impl Sources {
+impl SourceSet {
     pub(super) fn new(settings: &NavigatorSettings) -> Self {
         Self {
             gnss: gnss::GnssSource::new(&settings.gnss),

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::sample::{Sample, SampleKind};
 use crate::time::AutopilotTime;
 
-use super::super::observation::{Fused, Score};
+use super::super::observation::{FitScore, Fused};
 use super::super::verdict::{Reason, Verdict};
 
 /// What kind of source.
@@ -301,16 +301,16 @@ impl SourceStatus {
         if self.test_ratio().is_some_and(|r| r > 1.0) { SourceHealth::Suspect } else { SourceHealth::Healthy }
     }
 
-    fn score(&mut self, quantity: usize, now: AutopilotTime, score: Score) {
+    fn score(&mut self, quantity: usize, now: AutopilotTime, score: FitScore) {
         let count = &mut self.quantities[quantity];
         let squared = match score {
-            Score::Fused(nis) => {
+            FitScore::Fused(nis) => {
                 count.fused += 1;
                 count.sum += nis;
                 self.last_used = Some(now);
                 nis
             }
-            Score::Gated(sigmas) => {
+            FitScore::Gated(sigmas) => {
                 count.gated += 1;
                 sigmas * sigmas
             }
@@ -322,11 +322,55 @@ impl SourceStatus {
     }
 }
 
+/// A source as it is shown: in `replay --json`, in tables and in the daemon's summary.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SourceReport {
+    /// Which kind.
+    pub kind: SourceKind,
+    /// Which of its kind.
+    pub id: u8,
+    /// Samples that were used.
+    pub used: u64,
+    /// Scalars of it that the filter fused, and those that it gated out.
+    pub fused: u64,
+    /// See there.
+    pub gated: u64,
+    /// Samples that were rejected, by reason.
+    pub rejected: BTreeMap<&'static str, u64>,
+    /// Mean normalised innovation squared of what was fused; 1 where the filter is honest.
+    pub nis_mean: Option<f64>,
+    /// See [`SourceStatus::test_ratio`].
+    pub test_ratio: Option<f64>,
+    /// Whether it can be believed.
+    pub health: SourceHealth,
+}
+
+impl SourceReport {
+    pub(in super::super) fn new(status: &SourceStatus, health: SourceHealth) -> Self {
+        let nis = status.nis();
+        let mut rejected = BTreeMap::new();
+        for (reason, n) in status.rejected() {
+            *rejected.entry(reason.label()).or_default() += n;
+        }
+        Self {
+            kind: status.source.kind,
+            id: status.source.id,
+            used: status.used,
+            fused: nis.fused,
+            gated: nis.gated,
+            rejected,
+            nis_mean: nis.mean(),
+            test_ratio: status.test_ratio(),
+            health,
+        }
+    }
+}
+
 /// All sources that were ever heard. A source is allocated when it is first heard.
 #[derive(Clone, Debug, Default)]
 pub struct StatusBoard(Vec<SourceStatus>);
 
-/// Sources that are expected; more cost an allocation.
+/// SourceSet that are expected; more cost an allocation.
 const EXPECTED: usize = 24;
 
 impl StatusBoard {

@@ -16,7 +16,7 @@ use crate::time::{AutopilotTime, Span};
 use super::super::super::context::Context;
 use super::super::super::settings::FlowSettings;
 use super::super::super::verdict::{Reason, Verdict};
-use super::measure::{CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M, FlowVelocity, distance, moment};
+use super::measure::{CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M, MeasuredFlow, distance, moment};
 
 /// Stamps that lie this close are of the same image.
 const TOGETHER: Span = Span::from_millis(2);
@@ -121,7 +121,7 @@ impl ImageAssembly {
         interval_s: f64,
         delay_s: f64,
         context: &Context<'_>,
-    ) -> Result<FlowVelocity, Reason> {
+    ) -> Result<MeasuredFlow, Reason> {
         let (settings, samples) = (&context.core.settings.flow, &self.samples);
         let first = samples.first().ok_or(Reason::NotUsed)?;
         let moment = moment(stamp, first.interval, delay_s, context)?;
@@ -160,7 +160,7 @@ impl ImageAssembly {
             Err(refusal) => return Err(refusal.into()),
         };
         let (v_body, covariance) = solved.at_body_origin(mount, &moment.rate_body);
-        Ok(FlowVelocity {
+        Ok(MeasuredFlow {
             time: moment.time,
             r_body_to_ned: r,
             v_xy: v_body.xy(),

@@ -29,7 +29,7 @@ pub(super) struct FlowMoment {
 }
 
 /// A flow velocity before calibration.
-pub(in super::super::super) struct FlowVelocity {
+pub(in super::super::super) struct MeasuredFlow {
     pub(in super::super::super) time: AutopilotTime,
     pub(in super::super::super) r_body_to_ned: Matrix3<f64>,
     /// Body x and y, m/s.
@@ -42,7 +42,7 @@ pub(in super::super::super) struct FlowVelocity {
     pub(in super::super::super) ranged: bool,
 }
 
-impl FlowVelocity {
+impl MeasuredFlow {
     /// The body velocity whose x and y are `v_xy` and whose vertical part is the climb rate; body z is weighted with the image's own
     /// where it observes that.
     pub(super) fn in_body(&self, v_xy: &Vector2<f64>, climb_mps: f64) -> Vector3<f64> {
@@ -105,7 +105,7 @@ pub(super) fn of_patch(
     interval_s: f64,
     delay_s: f64,
     context: &Context<'_>,
-) -> Result<FlowVelocity, Reason> {
+) -> Result<MeasuredFlow, Reason> {
     let settings = &context.core.settings.flow;
     let [rate_x, rate_y] = s.rate_xy;
     if !(rate_x.is_finite() && rate_y.is_finite() && s.quality.is_finite()) {
@@ -147,7 +147,7 @@ pub(super) fn of_patch(
     if !v_body.iter().all(|v| v.is_finite()) {
         return Err(Reason::NotFinite);
     }
-    Ok(FlowVelocity {
+    Ok(MeasuredFlow {
         time,
         r_body_to_ned: r,
         v_xy: v_body.xy(),

@@ -23,7 +23,7 @@ use super::latency::FlowLatency;
 use super::status::SourceHealth;
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
-pub(in super::super) use measure::FlowVelocity;
+pub(in super::super) use measure::MeasuredFlow;
 
 /// Sensors (or cameras of patches) that are told apart.
 const MAX_SENSORS: usize = 8;
@@ -98,7 +98,7 @@ impl FlowSensor {
         }
     }
 
-    fn observation(&self, m: &FlowVelocity, form: FlowBiasSource) -> Observation {
+    fn observation(&self, m: &MeasuredFlow, form: FlowBiasSource) -> Observation {
         Observation::Flow {
             measured: m.time,
             v_xy: m.v_xy,
@@ -219,7 +219,7 @@ impl FlowSource {
         index: usize,
         input: FlowInput<'_>,
         context: &Context<'_>,
-    ) -> Result<FlowVelocity, Reason> {
+    ) -> Result<MeasuredFlow, Reason> {
         let interval_s = self.sensors[index].interval_s(stamp);
         let delay_s = self.sensors[index].latency.latency_s();
         let measured = self.measure(stamp, interval_s, delay_s, input, context)?;
@@ -240,7 +240,7 @@ impl FlowSource {
         delay_s: f64,
         input: FlowInput<'_>,
         context: &Context<'_>,
-    ) -> Result<FlowVelocity, Reason> {
+    ) -> Result<MeasuredFlow, Reason> {
         match input {
             FlowInput::Patch(s) => measure::of_patch(s, interval_s, delay_s, context),
             FlowInput::Image => self.image.measure(stamp, interval_s, delay_s, context),
@@ -250,8 +250,8 @@ impl FlowSource {
     /// How flow and GNSS differ, and how that would change if the flow were older.
     fn learn_latency(
         &mut self,
-        now: &FlowVelocity,
-        earlier: &FlowVelocity,
+        now: &MeasuredFlow,
+        earlier: &MeasuredFlow,
         index: usize,
         context: &Context<'_>,
     ) {
@@ -269,7 +269,7 @@ impl FlowSource {
     }
 
     /// While aligning without a magnetometer the flow is the only horizontal direction in body axes.
-    pub(in super::super) fn hold_direction(&mut self, m: &FlowVelocity, index: usize, context: &Context<'_>) {
+    pub(in super::super) fn hold_direction(&mut self, m: &MeasuredFlow, index: usize, context: &Context<'_>) {
         let form = context.core.settings.observer.flow_bias;
         let corrected = self.sensors[index].corrected(&m.v_xy, form);
         self.set_velocity_body(m.time, m.in_body(&corrected, context.core.height.climb_mps()));
@@ -278,7 +278,7 @@ impl FlowSource {
     /// GNSS is there: the sensor is compared with it.
     pub(in super::super) fn compare(
         &mut self,
-        m: &FlowVelocity,
+        m: &MeasuredFlow,
         index: usize,
         context: &Context<'_>,
     ) -> Result<Comparison, Reason> {
@@ -308,14 +308,14 @@ impl FlowSource {
     }
 
     /// For the estimator, if this is the sensor that it uses: the first that is trusted.
-    fn observation(&self, m: &FlowVelocity, index: usize, form: FlowBiasSource) -> Option<Observation> {
+    fn observation(&self, m: &MeasuredFlow, index: usize, form: FlowBiasSource) -> Option<Observation> {
         (self.carrier() == Some(index)).then(|| self.sensors[index].observation(m, form))
     }
 
     /// GNSS is gone: the flow is to carry the velocity.
     pub(in super::super) fn carry(
         &self,
-        m: &FlowVelocity,
+        m: &MeasuredFlow,
         index: usize,
         context: &Context<'_>,
     ) -> Result<Carry, Reason> {
@@ -368,7 +368,7 @@ impl FlowSource {
     }
 
     /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
-    fn filter_bias(&mut self, m: &FlowVelocity, index: usize, context: &Context<'_>) {
+    fn filter_bias(&mut self, m: &MeasuredFlow, index: usize, context: &Context<'_>) {
         let core = context.core;
         let observer = core.estimator.observer();
         let settings = &core.settings.observer;
@@ -428,7 +428,7 @@ impl FlowSource {
 }
 
 /// The velocity that GNSS gives when the flow was measured, body x and y, m/s.
-fn gnss_velocity(m: &FlowVelocity, context: &Context<'_>) -> Option<Vector2<f64>> {
+fn gnss_velocity(m: &MeasuredFlow, context: &Context<'_>) -> Option<Vector2<f64>> {
     let (_, v_ned) = context.core.estimator.observer().predicted(m.time)?;
     let v_ned = Vector3::new(v_ned.x, v_ned.y, -context.core.height.climb_mps());
     Some(m.r_body_to_ned.tr_mul(&v_ned).xy())
