@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::geo::so3;
 use crate::observer::xkf::XkfCorrection;
-use crate::observer::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};
+use crate::observer::{BiasMode, EulerState, SpecificForceForm, Xkf, XkfInput, XkfSettings};
 use crate::sample::ImuSample;
 use crate::time::{AutopilotTime, Span};
 
@@ -84,6 +84,7 @@ impl Navigator {
             accel_bias_walk: k.accel_bias_walk,
             flow_bias_time_constant_s: self.fusini.flow_bias_time_constant_s,
             gate_sigma: k.gate_sigma,
+            specific_force: SpecificForceForm::WithBias,
         };
         let down = self.height.height_m().map_or(about.position_ned.z, |h| -h);
         let start = EulerState {

@@ -49,6 +49,20 @@ pub struct XkfInput {
     pub earth_rate_ned: Vector3<f64>,
 }
 
+/// What y3, the specific force of a motion at constant body velocity, is taken for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SpecificForceForm {
+    /// Fusini (2c) as printed: y3 = −Rᵀg + (ω_m − b_ω − Rᵀω_e) × Rᵀv. There is no b_f in it, so an accelerometer's bias is taken for a
+    /// tilt. For comparison with the paper.
+    AsPrinted,
+    /// (2c) and b_f: y3 is what the IMU measures, which has its bias in it ((1d)). Right for a real IMU.
+    WithBias,
+    /// As [`Self::WithBias`] with a shorter row: Rᵀω_e counts as constant (its derivative is 10⁻⁴ of gravity's), and biases that are
+    /// frozen are no states and have no columns, so they are the linearisation point's. For comparison with the independent
+    /// implementation behind `tests/golden/observers/xkf_euler_y3.json`.
+    Approximate,
+}
+
 impl EulerState {
     /// A point of an observer's trajectory. R̂ is brought back to SO(3) first. `None` while R̂ is degenerate or the nose points to within
     /// 1.1° of the vertical: there is nothing to linearise about then.
@@ -210,17 +224,33 @@ pub(super) fn body_velocity(about: &EulerState, axis: usize) -> (f64, Row) {
     (body[axis], row(axis, [(THETA, by_angles), (V, r_t)]))
 }
 
-/// One axis of the specific force of a motion at constant body velocity, y3 of (2c): −Rᵀg + (ω_m − b_ω − Rᵀω_e) × Rᵀv + b_f, and its
-/// row. (2c) is printed without b_f, but y3 is the IMU's specific force, which has it ((1d)).
-pub(super) fn turning_force(about: &EulerState, u: &XkfInput, axis: usize) -> (f64, Row) {
+/// One axis of the specific force of a motion at constant body velocity, y3 of (2c), in one of its forms, and its row. `frozen` biases
+/// are not estimated.
+pub(super) fn turning_force(
+    about: &EulerState,
+    u: &XkfInput,
+    form: SpecificForceForm,
+    frozen: bool,
+    axis: usize,
+) -> (f64, Row) {
     let (gravity, gravity_by_angles) = seen_from_body(about, &u.gravity_ned);
     let (v, v_by_angles) = seen_from_body(about, &about.velocity_ned);
     let (earth, earth_by_angles) = seen_from_body(about, &u.earth_rate_ned);
     let w = u.angular_rate_body - about.gyro_bias - earth;
-    let value = -gravity + w.cross(&v) + about.accel_bias;
-    let by_angles = -gravity_by_angles + hat(&v) * earth_by_angles + hat(&w) * v_by_angles;
+    let mut value = -gravity + w.cross(&v);
+    let mut by_angles = -gravity_by_angles + hat(&w) * v_by_angles;
     let by_velocity = hat(&w) * about.r_body_to_ned().transpose();
-    let h = row(axis, [(THETA, by_angles), (V, by_velocity), (BW, hat(&v)), (BF, Matrix3::identity())]);
+    let (mut by_gyro_bias, mut by_accel_bias) = (hat(&v), Matrix3::zeros());
+    if form != SpecificForceForm::AsPrinted {
+        value += about.accel_bias;
+        by_accel_bias = Matrix3::identity();
+    }
+    if form != SpecificForceForm::Approximate {
+        by_angles += hat(&v) * earth_by_angles;
+    } else if frozen {
+        (by_gyro_bias, by_accel_bias) = (Matrix3::zeros(), Matrix3::zeros());
+    }
+    let h = row(axis, [(THETA, by_angles), (V, by_velocity), (BW, by_gyro_bias), (BF, by_accel_bias)]);
     (value[axis], h)
 }
 
@@ -300,13 +330,29 @@ mod tests {
             let field = Vector3::new(13.0, 1.0, 50.0);
             for axis in 0..3 {
                 let one = |v: f64| SVector::<f64, 1>::new(v);
+                let force = |x: &EulerState, form| turning_force(x, &u, form, false, axis);
                 for (name, analytic, n) in [
                     ("flow", body_velocity(&about, axis).1, numeric(&about, |x| one(body_velocity(x, axis).0))),
-                    ("force", turning_force(&about, &u, axis).1, numeric(&about, |x| one(turning_force(x, &u, axis).0))),
+                    ("force", force(&about, SpecificForceForm::WithBias).1, numeric(&about, |x| one(force(x, SpecificForceForm::WithBias).0))),
+                    ("printed force", force(&about, SpecificForceForm::AsPrinted).1, numeric(&about, |x| one(force(x, SpecificForceForm::AsPrinted).0))),
                     ("field", direction(&about, &field, axis).1, numeric(&about, |x| one(direction(x, &field, axis).0))),
                 ] {
                     prop_assert!((analytic - n).norm() < 1e-5, "{name} {axis}: {analytic} {n}");
                 }
+            }
+        }
+
+        #[test]
+        fn the_approximate_force_lacks_the_earths_derivative_and_what_is_frozen(about in state()) {
+            let still = XkfInput { earth_rate_ned: Vector3::zeros(), ..input() };
+            for axis in 0..3 {
+                let of = |form, frozen| turning_force(&about, &still, form, frozen, axis);
+                let (whole, short) = (of(SpecificForceForm::WithBias, true), of(SpecificForceForm::Approximate, true));
+                prop_assert_eq!(of(SpecificForceForm::WithBias, false), whole);
+                prop_assert_eq!(of(SpecificForceForm::Approximate, false), whole);
+                prop_assert_eq!(short.0, whole.0);
+                prop_assert_eq!(short.1.fixed_columns::<9>(0), whole.1.fixed_columns::<9>(0));
+                prop_assert_eq!(short.1.fixed_columns::<6>(BW).abs().max(), 0.0);
             }
         }
 

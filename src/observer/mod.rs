@@ -29,4 +29,4 @@ pub use gains::{DeadReckoningGains, TranslationGains};
 pub use grip::{GripInput, GripParams};
 pub use predictor::{FixSample, Innovation, Predictor, Scheme, Signal};
 pub use state::{ObserverState, StepRefusal, StepReport};
-pub use xkf::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};
+pub use xkf::{BiasMode, EulerState, SpecificForceForm, Xkf, XkfInput, XkfSettings};

@@ -19,7 +19,7 @@ use super::euler_model::{
     BF, BW, Dynamics, P, Row, THETA, V, angle_axes, body_velocity, difference, direction, rate_to_angles,
     turning_force,
 };
-pub use super::euler_model::{EulerState, STATES, XkfInput};
+pub use super::euler_model::{EulerState, STATES, SpecificForceForm, XkfInput};
 use super::state::{StepRefusal, check};
 use crate::filter::error_state::Gated;
 use crate::geo::so3::wrap_pi;
@@ -40,6 +40,8 @@ pub struct XkfSettings {
     pub flow_bias_time_constant_s: f64,
     /// Innovations beyond this many sigmas are rejected; infinite as published.
     pub gate_sigma: f64,
+    /// What the specific force y3 is taken for.
+    pub specific_force: SpecificForceForm,
 }
 
 /// Whether the biases are estimated.
@@ -70,6 +72,8 @@ pub struct Xkf {
     x: SVector<f64, STATES>,
     p: SMatrix<f64, STATES, STATES>,
     flow_bias: Vector3<f64>,
+    /// Of the last prediction.
+    biases: BiasMode,
 }
 
 impl Xkf {
@@ -83,7 +87,7 @@ impl Xkf {
     ) -> Self {
         let sigma = SVector::<f64, STATES>::from_iterator(sigma.iter().flat_map(|s| s.iter().copied()));
         let p = SMatrix::from_diagonal(&sigma.component_mul(&sigma));
-        Self { settings, x: start.vector(), p, flow_bias }
+        Self { settings, x: start.vector(), p, flow_bias, biases: BiasMode::Estimated }
     }
 
     /// The estimate. Angles are wrapped.
@@ -152,6 +156,7 @@ impl Xkf {
                 + d.velocity_by_accel_bias * part(BF),
         );
         self.x += u.dt_s * rate;
+        self.biases = biases;
         self.wrap();
         self.predict_covariance(&d, about, u.dt_s, biases);
         Ok(())
@@ -297,7 +302,9 @@ impl Xkf {
         variance: f64,
     ) -> Result<XkfCorrection, Gated> {
         let axis = axis.min(2);
-        self.fuse_about(about, turning_force(about, input, axis), input.specific_force_body[axis], variance)
+        let frozen = self.biases == BiasMode::Frozen;
+        let expected = turning_force(about, input, self.settings.specific_force, frozen, axis);
+        self.fuse_about(about, expected, input.specific_force_body[axis], variance)
     }
 
     /// One axis of a direction known in NED and seen in body axes, a_b = Rᵀ a_n: the magnetic field of Grip's measurements.

@@ -1,7 +1,7 @@
 //! The exogenous Kalman filter where its noise is as it was told: errors as large as it says, about a trajectory that is wrong.
 
 use holdover::geo::so3::{self, Euler};
-use holdover::observer::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};
+use holdover::observer::{BiasMode, EulerState, SpecificForceForm, Xkf, XkfInput, XkfSettings};
 use holdover::sim::{Environment, FixedWing, NoiseLevels, Noisy, Trajectory};
 use nalgebra::{SVector, Vector3};
 use proptest::prelude::*;
@@ -23,6 +23,7 @@ fn settings(levels: &NoiseLevels) -> XkfSettings {
         accel_bias_walk: 0.0,
         flow_bias_time_constant_s: 30.0,
         gate_sigma: f64::INFINITY,
+        specific_force: SpecificForceForm::WithBias,
     }
 }
 
