@@ -4,7 +4,7 @@
 //!
 //! The parameters are those of the paper's Table 1, the truth is drawn from the model itself, the error is that of the estimated error of
 //! the inertial altitude, over all steps of all runs. Cases 0 to 5 are the paper's scenarios (600 steps of 0.5 s, faults on iterations 200
-//! to 400); the others are described at `holdover::sim::altimeter::FaultCase`. Filters and schemes: `holdover::altimeter::{Method, Scheme}`.
+//! to 400); the others are described at `holdover::sim::altimeter::FaultCase`. Filters and schemes: `holdover::altimeter::{AltimeterMethod, AltimeterScheme}`.
 //! The oracle is a joint filter that is told which channel is faulty and how, from when to when: a noisy one has its true variance, the
 //! bias of a biased one is an unknown constant. It and the project's own altimeter, `default`, use both channels in one filter: their `ibi` and
 //! `iig` are the same filter with the other channel missing.

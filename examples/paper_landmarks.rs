@@ -18,7 +18,7 @@ mod marker_flight;
 mod paper_vision;
 
 use clap::Parser;
-use holdover::landmark::riccati::Discount;
+use holdover::landmark::Discount;
 use holdover::sim::{LandmarkCamera, MarkerField, MotionNoise, Wander};
 use jobs::all;
 use marker_flight::{Case, Error, converged_at, ekf_errors, errors, rms};

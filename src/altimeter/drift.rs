@@ -6,8 +6,8 @@
 //! it: that is a choice, and the height follows GNSS then.
 
 use super::fault::{Change, Fault};
+use super::fault_tolerant::Altimeter;
 use super::joint::Channel;
-use super::tolerant::Altimeter;
 
 /// ½ D²/var from which on the barometer has drifted (5 σ), and below which it has not any more (2 σ).
 const DRIFTED: f64 = 12.5;

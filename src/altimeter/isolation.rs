@@ -1,12 +1,12 @@
 //! Which explanation of the innovations is the best, and whether it is good enough to be declared.
 
+use super::glr_bank::{Fit, Onset};
 use super::joint::State;
-use super::onsets::{Fit, Onset};
 use super::settings::DetectionSettings;
 
 /// How well the innovations since an onset are explained.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Score {
+pub(super) struct ExplanationScore {
     /// Log-likelihood ratio of the best explanation against "nothing happened", less what it costs.
     pub(super) most: f64,
     /// The log-likelihood ratio of a jump, less what it costs; infinite when other things than a jump may have to be declared.
@@ -14,14 +14,14 @@ pub(super) struct Score {
 }
 
 /// What [`explain`] would give as score, without the explanation where that can be had for less.
-pub(super) fn score(onset: &Onset, d: &DetectionSettings) -> Score {
+pub(super) fn score(onset: &Onset, d: &DetectionSettings) -> ExplanationScore {
     let Some([one, two]) = onset.quiet_ratios(d.noise_cost, d.climb_jump_mps) else {
-        return Score { most: explain(onset, d).score, jump: f64::INFINITY };
+        return ExplanationScore { most: explain(onset, d).score, jump: f64::INFINITY };
     };
     let (one, two) = (one - d.jump_cost, two - d.jump_cost);
     let most = f64::max(0.0, f64::max(one, two - d.both_cost));
     let jump = if d.noise_cost > d.ratio { f64::INFINITY } else { f64::max(one, two) };
-    Score { most, jump }
+    ExplanationScore { most, jump }
 }
 
 /// What explains the innovations since an onset.

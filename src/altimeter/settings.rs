@@ -1,7 +1,7 @@
 //! What the altimeter has to be told: models, noise and limits.
 
 use super::joint::{InertialModel, OffsetModel};
-use super::model::ErrorModel;
+use super::published::ErrorModel;
 
 /// One channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,7 @@ pub struct DetectionSettings {
     pub samples: u32,
     /// A fault has to last for this long, s: the errors of real sensors are not white.
     pub lasting_s: f64,
-    /// Onsets are looked for at this spacing, s …
+    /// GlrBank are looked for at this spacing, s …
     pub spacing_s: f64,
     /// … and over this time, s.
     pub window_s: f64,

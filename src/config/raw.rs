@@ -5,7 +5,8 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use crate::altimeter::{
-    AltimeterKind, AltimeterSettings, ChannelSettings, DetectionSettings, InertialModel, Method, OffsetModel,
+    AltimeterKind, AltimeterMethod, AltimeterSettings, ChannelSettings, DetectionSettings, InertialModel,
+    OffsetModel,
 };
 use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
 use crate::filter::error_state::EskfSettings;
@@ -211,11 +212,11 @@ enum AltimeterName {
 impl From<AltimeterName> for AltimeterKind {
     fn from(name: AltimeterName) -> Self {
         match name {
-            AltimeterName::Default => Self::Tolerant,
-            AltimeterName::Okf => Self::Published(Method::Okf),
-            AltimeterName::Rkf => Self::Published(Method::Rkf),
-            AltimeterName::RkfJoseph => Self::Published(Method::RkfJoseph),
-            AltimeterName::Selector => Self::Published(Method::Selector),
+            AltimeterName::Default => Self::FaultTolerant,
+            AltimeterName::Okf => Self::Published(AltimeterMethod::Okf),
+            AltimeterName::Rkf => Self::Published(AltimeterMethod::Rkf),
+            AltimeterName::RkfJoseph => Self::Published(AltimeterMethod::RkfJoseph),
+            AltimeterName::Selector => Self::Published(AltimeterMethod::Selector),
         }
     }
 }

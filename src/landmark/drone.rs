@@ -1,6 +1,6 @@
 //! Pose of a drone from landmarks with known coordinates, by bearings that come late, out of order, and sometimes of the wrong landmark.
 //!
-//! The caller pushes what carries the body (velocity and rate in body axes) and, when it has one, the direction of gravity; and gives sightings
+//! The caller pushes how the body moves (velocity and rate in body axes) and, when it has one, the direction of gravity; and gives sightings
 //! as they come. Everything between is dead-reckoned ([`super::dead_reckoning`]), sightings take effect in the order in which they were made
 //! ([`super::ordered`]), on two filters ([`super::tracker`]). The pose is the refining filter's while there is one, else the H∞ filter's.
 //!
@@ -17,7 +17,7 @@ use super::ordered::{NotTaken, Ordered, Place};
 use super::refined::{Refined, Rigid};
 use super::settings::{CameraMount, LandmarkMap, LandmarkSettings};
 use super::sighting::{LandmarkSighting, SightingVerdict, in_d};
-use super::tracker::{Event, Tracker};
+use super::tracker::{Tracker, TrackerEvent};
 use crate::time::{AutopilotTime, Span};
 
 /// Where a filter starts: a pose, and how far it may be off.
@@ -151,7 +151,7 @@ impl LandmarkFilter {
         let verdict = self.reckoning.push(time, motion);
         match verdict {
             MotionVerdict::Used => {}
-            MotionVerdict::Gap(_) => self.take((time, BREAK_RANK), Event::Break),
+            MotionVerdict::Gap(_) => self.take((time, BREAK_RANK), TrackerEvent::Break),
             MotionVerdict::NotFinite | MotionVerdict::OutOfOrder => return verdict,
         }
         self.ordered.close(time - Span::from_seconds(self.settings.history_s));
@@ -161,12 +161,12 @@ impl LandmarkFilter {
         {
             let at = self.reckoning.present();
             self.gravity_at = time;
-            self.take((time, GRAVITY_RANK), Event::Gravity(at.r_body_to_d * down, at.position_d));
+            self.take((time, GRAVITY_RANK), TrackerEvent::Gravity(at.r_body_to_d * down, at.position_d));
         }
         verdict
     }
 
-    fn take(&mut self, place: Place, event: Event) {
+    fn take(&mut self, place: Place, event: TrackerEvent) {
         // An event of the present is never too late, and is the only one of its rank.
         let _ = self.ordered.insert(&self.settings, place, event);
     }
@@ -188,7 +188,7 @@ impl LandmarkFilter {
             Err(verdict) => return verdict,
         };
         let place = (sighting.time, rank(sighting, &seen));
-        match self.ordered.insert(&self.settings, place, Event::Sighting(sighting.id, seen)) {
+        match self.ordered.insert(&self.settings, place, TrackerEvent::Sighting(sighting.id, seen)) {
             Ok(SightingVerdict::Indefinite) => {
                 if let Some(pose) = self.pose() {
                     self.restart(&PoseGuess {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 /// pass on its way. `None` when `m` is not finite or has rank below 2, where no rotation is nearest.
 ///
 /// The estimates of the filters shrink under noise (homogeneous equations), so their scale means nothing and is dropped here.
-pub fn rotation_nearest(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+pub fn kabsch_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     if !m.iter().all(|v| v.is_finite()) {
         return None;
     }
@@ -39,7 +39,7 @@ mod tests {
         #[test]
         fn it_is_the_polar_factor_where_that_is_a_rotation(m in proptest::array::uniform9(-2.0..2.0f64)) {
             let m = Matrix3::from_row_slice(&m);
-            if let (Some(a), Some(b)) = (so3::nearest_rotation(&m), rotation_nearest(&m)) {
+            if let (Some(a), Some(b)) = (so3::nearest_rotation(&m), kabsch_rotation(&m)) {
                 prop_assume!(m.determinant() > 1e-2);
                 prop_assert!((a - b).norm() < 1e-9);
             }
@@ -48,7 +48,7 @@ mod tests {
         #[test]
         fn no_other_rotation_is_nearer(m in proptest::array::uniform9(-2.0..2.0f64), phi in proptest::array::uniform3(-3.0..3.0f64)) {
             let m = Matrix3::from_row_slice(&m);
-            if let Some(r) = rotation_nearest(&m) {
+            if let Some(r) = kabsch_rotation(&m) {
                 prop_assert!((r.determinant() - 1.0).abs() < 1e-9);
                 let other = so3::exp(&Vector3::from(phi));
                 prop_assert!((m - r).norm() <= (m - other).norm() + 1e-9);
@@ -57,7 +57,7 @@ mod tests {
 
         #[test]
         fn nothing_makes_it_misbehave(m in proptest::array::uniform9(proptest::num::f64::ANY)) {
-            if let Some(r) = rotation_nearest(&Matrix3::from_row_slice(&m)) {
+            if let Some(r) = kabsch_rotation(&Matrix3::from_row_slice(&m)) {
                 prop_assert!((r.transpose() * r - Matrix3::identity()).norm() < 1e-6);
             }
         }

@@ -117,7 +117,7 @@ pub struct LandmarkSettings {
     pub gravity_sigma_rad: f64,
     /// A direction of gravity is taken this often, s.
     pub gravity_period_s: f64,
-    /// Weight of the rows that keep N near SO(3), each time a direction of gravity is taken. They carry a coplanar field and a hover.
+    /// Weight of the rows that keep N near SO(3), each time a direction of gravity is taken. A coplanar field and a hover need them.
     pub orthonormality_weight: f64,
     /// The smoothed part of rejected sightings above which a filter is taken to be locked out.
     pub lockout_part: f64,

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::geometry::Geometry;
 use super::information::{Information, Judged, SeenInD, Weighing};
 use super::ordered::Replayed;
-use super::pose::rotation_nearest;
+use super::pose::kabsch_rotation;
 use super::refined::{Refined, Rigid};
 use super::settings::LandmarkSettings;
 use super::sighting::SightingVerdict;
@@ -13,7 +13,7 @@ use crate::time::AutopilotTime;
 
 /// What happens to a [`Tracker`].
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Event {
+pub(super) enum TrackerEvent {
     /// A landmark of this id was seen; its Q is relative to the field's centroid.
     Sighting(u8, SeenInD),
     /// The direction of gravity in D, and where the body is.
@@ -109,7 +109,7 @@ impl Tracker {
         if rotation > ACQUIRED_ROTATION || position > ACQUIRED_POSITION * far {
             return None;
         }
-        let r_to_d = rotation_nearest(&n)?;
+        let r_to_d = kabsch_rotation(&n)?;
         Some((Rigid { centroid_d: self.hinf.q(), r_to_d }, rotation, position))
     }
 
@@ -206,18 +206,23 @@ impl Tracker {
 }
 
 impl Replayed for Tracker {
-    type Event = Event;
+    type Event = TrackerEvent;
     type Verdict = SightingVerdict;
     type Context = LandmarkSettings;
 
-    fn apply(&mut self, settings: &LandmarkSettings, time: AutopilotTime, event: &Event) -> SightingVerdict {
+    fn apply(
+        &mut self,
+        settings: &LandmarkSettings,
+        time: AutopilotTime,
+        event: &TrackerEvent,
+    ) -> SightingVerdict {
         self.advance(settings, time);
         match event {
-            Event::Sighting(id, seen) => {
+            TrackerEvent::Sighting(id, seen) => {
                 self.body_d = seen.camera_d;
                 self.sighting(settings, *id, seen)
             }
-            Event::Gravity(down_d, body_d) => {
+            TrackerEvent::Gravity(down_d, body_d) => {
                 self.body_d = *body_d;
                 let sigma = settings.gravity_sigma_rad;
                 let used = self.hinf.gravity(down_d, sigma);
@@ -229,7 +234,7 @@ impl Replayed for Tracker {
                 }
                 used.map_or(SightingVerdict::Indefinite, |()| SightingVerdict::Used(0.0))
             }
-            Event::Break => {
+            TrackerEvent::Break => {
                 self.hinf.inflate(settings.lockout_factor);
                 (self.refined, self.acquired, self.shaped_by) = (None, None, 0);
                 SightingVerdict::Used(0.0)

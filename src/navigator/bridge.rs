@@ -20,7 +20,7 @@ impl Kalman {
     /// `gap_s` without samples: what may have happened in it.
     pub(super) fn doubt(&mut self, gap_s: f64) {
         let velocity = UNKNOWN_ACCELERATION * gap_s;
-        self.filter.doubt(UNKNOWN_RATE * gap_s, 0.5 * velocity * gap_s, velocity);
+        self.filter.inflate(UNKNOWN_RATE * gap_s, 0.5 * velocity * gap_s, velocity);
     }
 }
 

@@ -14,7 +14,7 @@ pub(super) const BW: usize = 9;
 pub(super) const BF: usize = 12;
 
 /// A row of a measurement Jacobian.
-pub(super) type Row = RowSVector<f64, STATES>;
+pub(super) type JacobianRow = RowSVector<f64, STATES>;
 
 /// Euler angles say nothing where the cosine of the pitch is below this (1.1° from the vertical): T(Θ) has 1/cos θ in it.
 const LEAST_COS_PITCH: f64 = 0.02;
@@ -136,7 +136,7 @@ pub(super) fn rate_to_angles(angles: &Euler) -> Matrix3<f64> {
 }
 
 /// f(x̄, u) of (10) and the blocks of ∂f/∂x that are neither zero nor the identity.
-pub(super) struct Dynamics {
+pub(super) struct LinearisedKinematics {
     /// f(x̄, u).
     pub rate: SVector<f64, STATES>,
     /// ∂Θ̇/∂Θ.
@@ -151,7 +151,7 @@ pub(super) struct Dynamics {
     pub velocity_by_accel_bias: Matrix3<f64>,
 }
 
-impl Dynamics {
+impl LinearisedKinematics {
     /// Linearised about `about`. Θ̇ = T(Θ)(ω_m − b_ω − Rᵀω_e): the Earth's rate is in (1a), and (10a) leaves it out without a reason.
     pub fn new(about: &EulerState, u: &XkfInput) -> Self {
         let r = about.r_body_to_ned();
@@ -202,8 +202,8 @@ fn seen_from_body(about: &EulerState, a_ned: &Vector3<f64>) -> (Vector3<f64>, Ma
 }
 
 /// A row with blocks at places.
-fn row<const N: usize>(axis: usize, blocks: [(usize, Matrix3<f64>); N]) -> Row {
-    let mut h = Row::zeros();
+fn row<const N: usize>(axis: usize, blocks: [(usize, Matrix3<f64>); N]) -> JacobianRow {
+    let mut h = JacobianRow::zeros();
     for (at, block) in blocks {
         let mut part = h.fixed_columns_mut::<3>(at);
         part += block.row(axis);
@@ -212,13 +212,13 @@ fn row<const N: usize>(axis: usize, blocks: [(usize, Matrix3<f64>); N]) -> Row {
 }
 
 /// One axis of a direction known in NED: Rᵀ a and its row.
-pub(super) fn direction(about: &EulerState, a_ned: &Vector3<f64>, axis: usize) -> (f64, Row) {
+pub(super) fn direction(about: &EulerState, a_ned: &Vector3<f64>, axis: usize) -> (f64, JacobianRow) {
     let (body, by_angles) = seen_from_body(about, a_ned);
     (body[axis], row(axis, [(THETA, by_angles)]))
 }
 
 /// One axis of the body velocity Rᵀv, y2 − b_v of (2b), and its row.
-pub(super) fn body_velocity(about: &EulerState, axis: usize) -> (f64, Row) {
+pub(super) fn body_velocity(about: &EulerState, axis: usize) -> (f64, JacobianRow) {
     let (body, by_angles) = seen_from_body(about, &about.velocity_ned);
     let r_t = about.r_body_to_ned().transpose();
     (body[axis], row(axis, [(THETA, by_angles), (V, r_t)]))
@@ -232,7 +232,7 @@ pub(super) fn turning_force(
     form: SpecificForceForm,
     frozen: bool,
     axis: usize,
-) -> (f64, Row) {
+) -> (f64, JacobianRow) {
     let (gravity, gravity_by_angles) = seen_from_body(about, &u.gravity_ned);
     let (v, v_by_angles) = seen_from_body(about, &about.velocity_ned);
     let (earth, earth_by_angles) = seen_from_body(about, &u.earth_rate_ned);
@@ -307,8 +307,8 @@ mod tests {
         #[test]
         fn the_dynamics_blocks_are_the_derivatives(about in state()) {
             let u = input();
-            let d = Dynamics::new(&about, &u);
-            let n = numeric(&about, |x| Dynamics::new(x, &u).rate);
+            let d = LinearisedKinematics::new(&about, &u);
+            let n = numeric(&about, |x| LinearisedKinematics::new(x, &u).rate);
             let block = |row: usize, col: usize| n.fixed_view::<3, 3>(row, col).into_owned();
             for (name, analytic, row, col) in [
                 ("angles by angles", d.angles_by_angles, THETA, THETA),

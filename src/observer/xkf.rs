@@ -16,8 +16,8 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::euler_model::{
-    BF, BW, Dynamics, P, Row, THETA, V, angle_axes, body_velocity, difference, direction, rate_to_angles,
-    turning_force,
+    BF, BW, JacobianRow, LinearisedKinematics, P, THETA, V, angle_axes, body_velocity, difference, direction,
+    rate_to_angles, turning_force,
 };
 pub use super::euler_model::{EulerState, STATES, SpecificForceForm, XkfInput};
 use super::state::{StepRefusal, check};
@@ -54,7 +54,7 @@ pub enum BiasMode {
     Frozen,
 }
 
-/// What an update moved: to be carried into a remembered past.
+/// What an update moved: a remembered past moves with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct XkfCorrection {
     /// Of the position, NED, m.
@@ -139,7 +139,7 @@ impl Xkf {
     ) -> Result<(), StepRefusal> {
         let u = input;
         check(u.dt_s, &[&u.angular_rate_body, &u.specific_force_body, &u.gravity_ned, &u.earth_rate_ned])?;
-        let d = Dynamics::new(about, u);
+        let d = LinearisedKinematics::new(about, u);
         let delta = difference(&self.x, &about.vector());
         let part = |at| delta.fixed_rows::<3>(at).into_owned();
         let mut rate = d.rate;
@@ -163,7 +163,13 @@ impl Xkf {
     }
 
     /// (I + F dt) P (I + F dt)ᵀ + Q dt, by blocks: the identity's rows are not multiplied.
-    fn predict_covariance(&mut self, d: &Dynamics, about: &EulerState, dt: f64, biases: BiasMode) {
+    fn predict_covariance(
+        &mut self,
+        d: &LinearisedKinematics,
+        about: &EulerState,
+        dt: f64,
+        biases: BiasMode,
+    ) {
         type Rows = SMatrix<f64, 3, STATES>;
         let rows =
             |p: &SMatrix<f64, STATES, STATES>, at: usize| -> Rows { p.fixed_rows::<3>(at).into_owned() };
@@ -344,7 +350,7 @@ impl Xkf {
     fn fuse_about(
         &mut self,
         about: &EulerState,
-        (expected, h): (f64, Row),
+        (expected, h): (f64, JacobianRow),
         measured: f64,
         variance: f64,
     ) -> Result<XkfCorrection, Gated> {
@@ -352,7 +358,7 @@ impl Xkf {
         self.fuse(&h, measured - expected - ahead, variance)
     }
 
-    fn fuse(&mut self, h: &Row, innovation: f64, variance: f64) -> Result<XkfCorrection, Gated> {
+    fn fuse(&mut self, h: &JacobianRow, innovation: f64, variance: f64) -> Result<XkfCorrection, Gated> {
         let (ph, s) = self.gate(h, innovation, variance)?;
         let dx = ph * (innovation / s);
         self.x += dx;
@@ -369,7 +375,12 @@ impl Xkf {
     }
 
     /// P hᵀ and the innovation's variance, if the innovation is likely enough.
-    fn gate(&self, h: &Row, innovation: f64, variance: f64) -> Result<(SVector<f64, STATES>, f64), Gated> {
+    fn gate(
+        &self,
+        h: &JacobianRow,
+        innovation: f64,
+        variance: f64,
+    ) -> Result<(SVector<f64, STATES>, f64), Gated> {
         let ph = self.p * h.transpose();
         let s = (h * ph)[0] + variance;
         let normalised = innovation / s.sqrt();
@@ -399,8 +410,8 @@ impl Xkf {
 }
 
 /// The row of a measurement of one state itself.
-fn unit(index: usize) -> Row {
-    let mut h = Row::zeros();
+fn unit(index: usize) -> JacobianRow {
+    let mut h = JacobianRow::zeros();
     h[index] = 1.0;
     h
 }

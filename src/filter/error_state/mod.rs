@@ -20,7 +20,7 @@ mod tests;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::geo::so3::{exp, nearest_rotation};
-use covariance::{Covariance, Pending, Row, reduce};
+use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 pub use measure::Lag;
 
 /// Size of the error state.
@@ -41,7 +41,7 @@ const DRAG: usize = 28;
 /// Micro-units in a unit.
 const MICRO: f64 = 1e6;
 /// Longest step of the covariance, s.
-const CARRY_S: f64 = 0.02;
+const COVARIANCE_STEP_S: f64 = 0.02;
 /// Samples between two orthonormalisations.
 const REORTHONORMALISE: u32 = 100;
 
@@ -159,7 +159,7 @@ pub struct StartSigma {
     pub flow: SMatrix<f64, 4, 4>,
 }
 
-/// What a correction moved, to be carried into the remembered past, and how likely it was.
+/// What a correction moved, so that the remembered past moves with it, and how likely it was.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction {
     /// Of the position, m.
@@ -182,7 +182,7 @@ pub struct Eskf {
     settings: EskfSettings,
     state: EskfState,
     p: Covariance,
-    pending: Pending,
+    pending: ErrorTransition,
     steps: u32,
     /// What the covariance became last was finite.
     sound: bool,
@@ -210,7 +210,7 @@ impl Eskf {
         }
         p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
         p[(DRAG, DRAG)] = settings.drag_sigma.powi(2);
-        Self { settings, state, p, pending: Pending::new(state.r_body_to_ned), steps: 0, sound: true }
+        Self { settings, state, p, pending: ErrorTransition::new(state.r_body_to_ned), steps: 0, sound: true }
     }
 
     /// The nominal state.
@@ -260,29 +260,29 @@ impl Eskf {
     ) {
         self.reset_position(position_ne, sigma_position_m);
         for axis in 0..2 {
-            self.forget(V + axis, sigma_velocity_mps);
+            self.decorrelate(V + axis, sigma_velocity_mps);
             self.state.velocity_ned[axis] = velocity_ne[axis];
         }
     }
 
     /// The horizontal position is known anew, with this standard deviation; all else stays, and forgets what it had to do with the old one.
     pub fn reset_position(&mut self, position_ne: &Vector2<f64>, sigma_m: f64) {
-        self.carry();
+        self.propagate_covariance();
         for axis in 0..2 {
-            self.forget(P + axis, sigma_m);
+            self.decorrelate(P + axis, sigma_m);
             self.state.position_ned[axis] = position_ne[axis];
         }
     }
 
-    fn forget(&mut self, index: usize, sigma: f64) {
+    fn decorrelate(&mut self, index: usize, sigma: f64) {
         self.p.row_mut(index).fill(0.0);
         self.p.column_mut(index).fill(0.0);
         self.p[(index, index)] = sigma * sigma;
     }
 
     /// Something unknown happened: adds these standard deviations of attitude (rad), position (m) and velocity (m/s) per axis.
-    pub fn doubt(&mut self, attitude: f64, position: f64, velocity: f64) {
-        self.carry();
+    pub fn inflate(&mut self, attitude: f64, position: f64, velocity: f64) {
+        self.propagate_covariance();
         for (block, sigma) in [(THETA, attitude), (P, position), (V, velocity)] {
             for i in block..block + 3 {
                 self.p[(i, i)] += sigma * sigma;
@@ -320,28 +320,28 @@ impl Eskf {
             s.r_body_to_ned = clean;
         }
         self.pending.add(dt, &turn, &r, &f_ned, &inertial, (f_ned + gravity_ned).norm());
-        if self.pending.dt >= CARRY_S {
-            self.carry();
+        if self.pending.dt >= COVARIANCE_STEP_S {
+            self.propagate_covariance();
         }
         acceleration
     }
 
     /// Brings the covariance up to the nominal state.
-    fn carry(&mut self) {
+    fn propagate_covariance(&mut self) {
         if self.pending.dt > 0.0 {
-            self.sound &= self.pending.carry(&mut self.p, &self.settings);
-            self.pending = Pending::new(self.state.r_body_to_ned);
+            self.sound &= self.pending.propagate_covariance(&mut self.p, &self.settings);
+            self.pending = ErrorTransition::new(self.state.r_body_to_ned);
         }
     }
 
     /// The innovation's variance, P hᵀ, and whether it passes the gate.
     fn gate(
         &mut self,
-        h: &Row,
+        h: &SparseRow,
         innovation: f64,
         variance: f64,
     ) -> Result<(f64, SVector<f64, STATES>), Gated> {
-        self.carry();
+        self.propagate_covariance();
         let ph = h.times(&self.p);
         let s = h.dot(&ph) + variance;
         let normalised = innovation / s.sqrt();
@@ -353,14 +353,14 @@ impl Eskf {
     }
 
     /// A scalar update.
-    fn fuse(&mut self, h: &Row, innovation: f64, variance: f64) -> Result<Correction, Gated> {
+    fn fuse(&mut self, h: &SparseRow, innovation: f64, variance: f64) -> Result<Correction, Gated> {
         let (s, ph) = self.gate(h, innovation, variance)?;
         // The gate has seen that s is finite.
         self.sound &= ph.sum().is_finite();
         reduce(&mut self.p, &ph, s);
         let dx = ph * (innovation / s);
         self.inject(&dx);
-        self.pending = Pending::new(self.state.r_body_to_ned);
+        self.pending = ErrorTransition::new(self.state.r_body_to_ned);
         Ok(Correction {
             position_ned: dx.fixed_rows::<3>(P).into_owned(),
             velocity_ned: dx.fixed_rows::<3>(V).into_owned(),

@@ -87,7 +87,7 @@ fn step(f: &mut Eskf, dt: f64) {
 
 #[test]
 fn the_covariance_moves_as_the_error_does() {
-    // Steps of 4 ms, five of which are carried at once.
+    // Steps of 4 ms, five of which are propagated at once.
     let eps = 1e-5;
     for index in 0..STATES {
         let (mut a, mut b) = (filter(state()), filter(perturbed(&state(), index, eps)));
@@ -96,16 +96,16 @@ fn the_covariance_moves_as_the_error_does() {
             step(&mut a, 0.004);
             step(&mut b, 0.004);
         }
-        a.carry();
+        a.propagate_covariance();
         let moved = difference(a.state(), b.state()) / eps;
         let expected = moved * moved.transpose();
-        // Of second order in the 20 ms that are carried at once.
+        // Of second order in the 20 ms that are propagated at once.
         assert!((a.p - expected).amax() < 5e-3, "{index}: {}", (a.p - expected).amax());
         assert_eq!(a.p, a.p.transpose());
     }
 }
 
-fn rows_match(row: &covariance::Row, expected: impl Fn(&EskfState) -> f64, tolerance: f64) {
+fn rows_match(row: &covariance::SparseRow, expected: impl Fn(&EskfState) -> f64, tolerance: f64) {
     let eps = 1e-6;
     let base = expected(&state());
     let mut dense = SVector::<f64, STATES>::zeros();
@@ -170,7 +170,7 @@ fn late_rows_relate_the_past_to_the_present() {
                 assert!((got - moved[block + axis]).abs() < 0.06, "{block} {axis} by {index}: {got}");
             }
         }
-        f.carry();
+        f.propagate_covariance();
     }
 }
 

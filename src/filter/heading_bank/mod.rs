@@ -13,7 +13,7 @@
 //! specific force of a banked turn for the vertical, and a bank that starts in one would never learn better.
 //!
 //! A fix is old when it comes, so the bank stays behind: samples wait in a ring until a fix of their time has come, and the estimate
-//! is carried over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
+//! is extrapolated over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
 
 mod hypothesis;
 mod jitter;
@@ -26,7 +26,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::geo::so3;
 use crate::time::{AutopilotTime, Span};
-use hypothesis::{Hypothesis, StartDoubt};
+use hypothesis::{Hypothesis, HypothesisSigma};
 use jitter::Jitter;
 use mixture::{Moments, mean_velocity, normalise};
 
@@ -46,8 +46,8 @@ const LEAST_FORCE: f64 = 0.3;
 const LEAST_TILT: f64 = 0.1;
 /// A fix may lie this far ahead of the newest sample, s: it is taken for one of that time.
 const AHEAD_S: f64 = 0.05;
-/// The covariance is carried this often when no fix comes, s.
-const CARRY_S: f64 = 0.5;
+/// The covariance is propagated this often when no fix comes, s.
+const COVARIANCE_STEP_S: f64 = 0.5;
 /// The errors of GNSS velocities go on for this long, s: fixes that come faster are worth less each.
 const CORRELATION_S: f64 = 0.3;
 /// A fix that surprises all hypotheses by more than this many (squared) sigmas is an outlier …
@@ -338,7 +338,7 @@ impl HeadingBank {
         };
         let lean = (self.gravity_mps2 / force.norm()).min(1.0).acos();
         let spacing = TAU / HYPOTHESES as f64;
-        let doubt = StartDoubt {
+        let doubt = HypothesisSigma {
             tilt: LEAST_TILT + lean,
             heading: OVERLAP * spacing,
             velocity: sigma_mps,
@@ -377,7 +377,7 @@ impl HeadingBank {
             break;
         }
         for h in &mut self.bank {
-            h.carry(&self.settings);
+            h.propagate_covariance(&self.settings);
         }
     }
 
@@ -390,9 +390,9 @@ impl HeadingBank {
             self.turn_rate += (w.dt / MEAN_S).min(1.0) * (turn_rate - self.turn_rate);
         }
         self.time = w.time;
-        if self.last_fix.is_some_and(|t| self.time.seconds_since(t) > CARRY_S) {
+        if self.last_fix.is_some_and(|t| self.time.seconds_since(t) > COVARIANCE_STEP_S) {
             for h in &mut self.bank {
-                h.carry(&self.settings);
+                h.propagate_covariance(&self.settings);
             }
         }
     }

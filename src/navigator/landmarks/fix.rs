@@ -259,7 +259,7 @@ impl Navigator {
             standing.fixed = Some(now);
             // What GNSS was wrong by is the position's own error now, and to be corrected.
             if let Some(kalman) = &mut self.kalman {
-                kalman.filter.doubt(0.0, self.gnss_sigma_m, 0.0);
+                kalman.filter.inflate(0.0, self.gnss_sigma_m, 0.0);
             }
             if far || lost {
                 self.relocate(now, &e, fix);

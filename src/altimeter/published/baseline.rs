@@ -1,9 +1,9 @@
 //! The published altimeters on a vehicle's own sensors: samples come when they come, and the inertial altitude is integrated here.
 
-use super::ibig::{Method, PublishedAltimeter, Scheme};
-use super::joint::Channel;
-use super::model::ErrorModel;
-use super::tolerant::HeightVerdict;
+use super::error_model::ErrorModel;
+use super::ibig::{AltimeterMethod, AltimeterScheme, PublishedAltimeter};
+use crate::altimeter::Channel;
+use crate::altimeter::HeightVerdict;
 
 /// A weight below this is a rejection.
 const LEAST_PROB: f64 = 0.02;
@@ -13,7 +13,7 @@ const LEAST_PROB: f64 = 0.02;
 /// H_I is the vertical specific force integrated twice and never corrected: its error is what the filters estimate. The barometer's
 /// height is counted from where the height was when it was first heard.
 #[derive(Clone, Debug)]
-pub struct FlownAltimeter {
+pub struct BaselineAltimeter {
     altimeter: PublishedAltimeter,
     started: bool,
     /// H_I and its rate, m and m/s.
@@ -24,9 +24,9 @@ pub struct FlownAltimeter {
     baro_zero_m: Option<f64>,
 }
 
-impl FlownAltimeter {
+impl BaselineAltimeter {
     /// An altimeter that waits for its first height.
-    pub fn new(model: ErrorModel, method: Method) -> Self {
+    pub fn new(model: ErrorModel, method: AltimeterMethod) -> Self {
         Self {
             altimeter: PublishedAltimeter::new(model, method),
             started: false,
@@ -38,7 +38,8 @@ impl FlownAltimeter {
 
     /// Height above the origin, m, once a source has given it.
     pub fn height_m(&self) -> Option<f64> {
-        let error = self.altimeter.estimate(Scheme::Ibig).delta_h_m + self.pending_s * self.speed_error();
+        let error =
+            self.altimeter.estimate(AltimeterScheme::Ibig).delta_h_m + self.pending_s * self.speed_error();
         self.started.then_some(self.inertial.0 - error)
     }
 
@@ -54,7 +55,7 @@ impl FlownAltimeter {
 
     /// Standard deviation of the height, m.
     pub fn height_sigma_m(&self) -> f64 {
-        self.altimeter.estimate(Scheme::Ibig).variance_m2.max(0.0).sqrt()
+        self.altimeter.estimate(AltimeterScheme::Ibig).variance_m2.max(0.0).sqrt()
     }
 
     /// Standard deviation of the climb rate, m/s.

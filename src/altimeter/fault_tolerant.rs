@@ -9,9 +9,9 @@
 
 use super::drift::Drift;
 use super::fault::{Change, Fault, Health};
+use super::glr_bank::{GlrBank, JUMPS};
 use super::joint::{CLIMB, Channel, HEIGHT, Joint, State};
-use super::noise::GrownNoise;
-use super::onsets::{JUMPS, Onsets};
+use super::noise_monitor::NoiseMonitor;
 use super::probability::normal_operation;
 use super::settings::AltimeterSettings;
 
@@ -32,8 +32,8 @@ const FORGOTTEN_S: f64 = 3.0;
 /// So many distances in a row that do not fit are to another ground.
 const ANOTHER_GROUND: u32 = 5;
 /// The least part of the inertial noise, and how fast it grows and shrinks by the surprise of a sample.
-const LEAST_DOUBT: f64 = 0.02;
-const DOUBT_GAIN: [f64; 2] = [0.03, 0.0075];
+const LEAST_NOISE_SHARE: f64 = 0.02;
+const NOISE_SHARE_GAIN: [f64; 2] = [0.03, 0.0075];
 /// A healthy ν² is below this more often than not, by so much that the part shrinks.
 const SURPRISE: f64 = 2.0;
 /// A channel has settled when its prediction's variance is this part of a sample's.
@@ -74,7 +74,7 @@ pub(super) struct ChannelState {
     pub(super) biased_since_s: Option<f64>,
     /// What the offset was when the bias was declared, m.
     pub(super) offset_before_m: f64,
-    pub(super) noise: GrownNoise,
+    pub(super) noise: NoiseMonitor,
     heard_s: f64,
     /// Samples in a row that were not used.
     refused: u32,
@@ -89,7 +89,7 @@ impl ChannelState {
             settling: 0,
             biased_since_s: None,
             offset_before_m: 0.0,
-            noise: GrownNoise::default(),
+            noise: NoiseMonitor::default(),
             heard_s: f64::NEG_INFINITY,
             refused: 0,
         }
@@ -101,7 +101,7 @@ impl ChannelState {
 pub struct Altimeter {
     pub(super) settings: AltimeterSettings,
     pub(super) joint: Joint,
-    pub(super) onsets: Onsets,
+    pub(super) bank: GlrBank,
     pub(super) channels: [ChannelState; 4],
     pub(super) drift: Drift,
     started: bool,
@@ -112,7 +112,7 @@ pub struct Altimeter {
     /// ∫ of the squared noise density over it.
     pending_noise: f64,
     /// What part of the noise that is asked for the innovations prove to be there, as variance.
-    doubt: f64,
+    noise_share: f64,
     /// What the log-likelihood ratios lack at least before anything could be declared.
     pub(super) room: f64,
     pub(super) changes: [Option<Change>; CHANGES],
@@ -124,14 +124,14 @@ impl Altimeter {
         let d = &settings.detection;
         Self {
             joint: Joint::new(settings.inertial, settings.channels.map(|c| c.offset)),
-            onsets: Onsets::new(d.spacing_s, d.window_s),
+            bank: GlrBank::new(d.spacing_s, d.window_s),
             channels: [ChannelState::new(); 4],
             drift: Drift::default(),
             started: false,
             clock_s: 0.0,
             pending: (0.0, 0.0, 0.0),
             pending_noise: 0.0,
-            doubt: LEAST_DOUBT,
+            noise_share: LEAST_NOISE_SHARE,
             room: 0.0,
             changes: [None; CHANGES],
             settings,
@@ -194,15 +194,15 @@ impl Altimeter {
         self.channels[channel.index()] = ChannelState { settled, ..ChannelState::new() };
         if channel.is_absolute() {
             self.joint.x[channel.fault()] = 0.0;
-            self.joint.forget(channel.fault(), 0.0);
+            self.joint.decorrelate(channel.fault(), 0.0);
         }
         let (o, offset) = (channel.offset(), self.settings.channels[channel.index()].offset.sigma_m);
         self.joint.x[o] = 0.0;
-        self.joint.forget(o, offset * offset);
+        self.joint.decorrelate(o, offset * offset);
         if channel == Channel::Baro {
             self.drift = Drift::default();
         }
-        self.onsets.clear();
+        self.bank.clear();
     }
 
     /// How far a channel's height, m, with the standard deviation that the sensor claims, lies from what is expected of it, in standard
@@ -263,7 +263,7 @@ impl Altimeter {
     /// Nothing was measured for `gap_s` seconds, over which the vertical acceleration was what it was but for `sigma`, m/s².
     pub fn blind(&mut self, gap_s: f64, sigma: f64) {
         self.predict(gap_s, 0.0, 0.0);
-        self.catch_up();
+        self.propagate();
         let (speed, way) = (sigma * gap_s, 0.5 * sigma * gap_s * gap_s);
         if way.is_finite() && self.joint.sigma(HEIGHT) < LARGEST_M {
             self.joint.p[(CLIMB, CLIMB)] += speed * speed;
@@ -271,7 +271,7 @@ impl Altimeter {
             self.joint.p[(HEIGHT, CLIMB)] += speed * way;
             self.joint.p[(CLIMB, HEIGHT)] += speed * way;
         }
-        self.onsets.clear();
+        self.bank.clear();
     }
 
     /// Predicts over `dt` seconds with the upward acceleration `accel_up` (m/s², gravity taken out).
@@ -289,15 +289,15 @@ impl Altimeter {
             let dt = dt / steps;
             self.pending = (t + dt, dv + accel_up * dt, dh + dv * dt + 0.5 * accel_up * dt * dt);
             self.pending_noise +=
-                if noise.abs() < LARGEST_MPS2 { self.doubt * noise * noise * dt } else { 0.0 };
+                if noise.abs() < LARGEST_MPS2 { self.noise_share * noise * noise * dt } else { 0.0 };
             if t + dt >= MAX_STEP_S {
-                self.catch_up();
+                self.propagate();
             }
         }
     }
 
-    /// Carries state, covariance and bank to the present.
-    fn catch_up(&mut self) {
+    /// Propagates state, covariance and bank to the present.
+    fn propagate(&mut self) {
         let (dt, delta_v, delta_h) = std::mem::take(&mut self.pending);
         if dt > 0.0 {
             let phi = self.joint.transition(dt);
@@ -305,7 +305,7 @@ impl Altimeter {
             self.clock_s += dt;
             if self.joint.p[(HEIGHT, HEIGHT)] < LOST_VARIANCE {
                 self.joint.predict(&phi, delta_v, delta_h, noise / dt);
-                self.onsets.predict(&phi, self.in_use());
+                self.bank.predict(&phi, self.in_use());
             }
         }
     }
@@ -332,7 +332,7 @@ impl Altimeter {
         if y.is_nan() || y.abs() > LARGEST_M {
             return HeightVerdict::Rejected(f64::NAN);
         }
-        self.catch_up();
+        self.propagate();
         if !channel.is_absolute() && self.clock_s - self.channels[i].heard_s > FORGOTTEN_S {
             // The ground under the beam is another one, and what a second barometer was off by is known no better than from now on.
             self.channels[i].started = false;
@@ -365,15 +365,15 @@ impl Altimeter {
         // Who settles keeps the others from judging, but not for longer than it is heard.
         let silent = |c: &ChannelState| self.clock_s - c.heard_s > FORGOTTEN_S;
         if self.channels.iter().all(|c| c.settled || !c.started || silent(c)) {
-            self.onsets.open(self.clock_s, begins);
+            self.bank.open(self.clock_s, begins);
         }
         let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
-        self.onsets.measured(channel, &innovation, &gain, self.in_use());
+        self.bank.measured(channel, &innovation, &gain, self.in_use());
         self.note_noise(channel, &innovation, r);
         if settled && channel != Channel::Gnss && channel != Channel::Range {
             let surprise = (normalised * normalised).min(LIMIT * LIMIT) - SURPRISE;
-            let gain = if surprise > 0.0 { DOUBT_GAIN[0] } else { DOUBT_GAIN[1] };
-            self.doubt = (self.doubt * (gain * surprise).exp()).clamp(LEAST_DOUBT, 1.0);
+            let gain = if surprise > 0.0 { NOISE_SHARE_GAIN[0] } else { NOISE_SHARE_GAIN[1] };
+            self.noise_share = (self.noise_share * (gain * surprise).exp()).clamp(LEAST_NOISE_SHARE, 1.0);
         }
         // A sample adds no more than ½ν² to any log-likelihood ratio: until that could be enough, nobody needs to look.
         self.room -= 0.5 * normalised * normalised;
@@ -419,6 +419,6 @@ impl Altimeter {
         self.joint.p.row_mut(o).copy_from(&row);
         self.joint.p.column_mut(o).copy_from(&row.transpose());
         self.joint.p[(o, o)] = -row[HEIGHT] + sigma * sigma;
-        self.onsets.restarted(o);
+        self.bank.restarted(o);
     }
 }

@@ -1,22 +1,22 @@
 //! What follows when a fault is declared, and when it is over.
 
 use super::fault::{Change, Fault};
-use super::isolation::{Score, explain, score};
-use super::joint::{Channel, HEIGHT, Innovation, State};
-use super::onsets::{Fit, INERTIAL, Onset};
-use super::tolerant::Altimeter;
+use super::fault_tolerant::Altimeter;
+use super::glr_bank::{Fit, INERTIAL, Onset};
+use super::isolation::{ExplanationScore, explain, score};
+use super::joint::{Channel, HEIGHT, HeightInnovation, State};
 
 /// Log-odds by which a bias has to be zero to be over.
 const HEALED: f64 = -2.0;
 
 impl Altimeter {
     /// Follows the noise of a channel whose noise has grown.
-    pub(super) fn note_noise(&mut self, channel: Channel, innovation: &Innovation, r: f64) {
+    pub(super) fn note_noise(&mut self, channel: Channel, innovation: &HeightInnovation, r: f64) {
         let limit = self.settings.detection.relief;
         let noise = &mut self.channels[channel.index()].noise;
         let predicted = innovation.variance - r * noise.factor();
         if noise.follow(innovation.value * innovation.value, predicted, r, limit) {
-            self.onsets.clear();
+            self.bank.clear();
             if !self.health(channel).is_faulty() {
                 self.tell(Change::Healed(channel));
             }
@@ -26,8 +26,8 @@ impl Altimeter {
     /// Asks the bank what explains the innovations best.
     pub(super) fn look_for_faults(&mut self) {
         let d = &self.settings.detection;
-        let mut best: Option<(&Onset, Score)> = None;
-        for onset in self.onsets.iter() {
+        let mut best: Option<(&Onset, ExplanationScore)> = None;
+        for onset in self.bank.iter() {
             let score = score(onset, d);
             if best.is_none_or(|(_, b)| score.most > b.most) {
                 best = Some((onset, score));
@@ -39,7 +39,7 @@ impl Altimeter {
         let since_s = onset.time_s;
         let lasting = self.clock_s - since_s >= d.lasting_s;
         let found = (lasting && score.jump > d.ratio).then(|| explain(onset, d)).filter(|e| e.ready);
-        self.onsets.keep(since_s);
+        self.bank.keep(since_s);
         let Some(found) = found else { return };
         for (channel, grown) in Channel::ALL.into_iter().zip(found.grown) {
             if let Some((factor, samples)) = grown {
@@ -61,7 +61,7 @@ impl Altimeter {
         if let Some((fit, effects)) = &found.jump {
             self.take_jump(fit, effects, found.since_s);
         }
-        self.onsets.clear();
+        self.bank.clear();
     }
 
     /// Opens the states that jumped from the onset on: x ← x − J f̂, P ← P + J C⁻¹ Jᵀ.
@@ -134,7 +134,7 @@ impl Altimeter {
                 self.joint.pin(channel.fault());
             }
             self.channels[channel.index()].biased_since_s = None;
-            self.onsets.clear();
+            self.bank.clear();
             self.tell(Change::Healed(channel));
         }
     }

@@ -7,7 +7,7 @@ const LEAST_FACTOR: f64 = 1.5;
 
 /// Follows the variance of a channel's noise while it is declared to have grown.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct GrownNoise {
+pub(super) struct NoiseMonitor {
     grown: Option<Grown>,
 }
 
@@ -21,7 +21,7 @@ struct Grown {
     relief: f64,
 }
 
-impl GrownNoise {
+impl NoiseMonitor {
     /// The variance over the normal one; 1 when nothing has grown.
     pub(super) fn factor(&self) -> f64 {
         self.grown.map_or(1.0, |g| g.factor)

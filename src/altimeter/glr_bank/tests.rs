@@ -20,8 +20,8 @@ fn reading(k: u32, channel: Channel) -> f64 {
 }
 
 /// The filter with its bank after step `onset`, and a filter that was told to have `open` states from there on.
-fn run(jumped: &[(Channel, f64)], weight: impl Fn(u32) -> f64) -> (Joint, Onsets, Joint) {
-    let (mut joint, mut onsets) = (joint(), Onsets::new(0.1, 1e6));
+fn run(jumped: &[(Channel, f64)], weight: impl Fn(u32) -> f64) -> (Joint, GlrBank, Joint) {
+    let (mut joint, mut onsets) = (joint(), GlrBank::new(0.1, 1e6));
     let mut told: Option<Joint> = None;
     const PRIOR: f64 = 1e9;
     for k in 0..40 {
@@ -109,7 +109,7 @@ fn without_the_jump_the_filter_is_what_it_would_have_been() {
 
 #[test]
 fn a_sample_adds_no_more_than_half_its_square_to_a_ratio() {
-    let (mut joint, mut onsets) = (joint(), Onsets::new(0.1, 1e6));
+    let (mut joint, mut onsets) = (joint(), GlrBank::new(0.1, 1e6));
     onsets.open(0.0, true);
     let mut before = 0.0;
     for k in 0..60 {
@@ -146,7 +146,7 @@ fn two_jumps_that_look_alike_are_not_told_apart() {
 
 #[test]
 fn thinning_keeps_the_kept_onset_and_the_oldest() {
-    let mut onsets = Onsets::new(1.0, 1e6);
+    let mut onsets = GlrBank::new(1.0, 1e6);
     onsets.keep(7.0);
     for k in 0..500 {
         onsets.open(f64::from(k), false);
@@ -164,7 +164,7 @@ fn thinning_keeps_the_kept_onset_and_the_oldest() {
     assert_eq!(onsets.iter().last().map(|o| o.time_s), Some(499.0));
     onsets.open(499.5, true);
     assert_eq!(onsets.iter().last().map(|o| o.time_s), Some(499.5));
-    let mut short = Onsets::new(1.0, 5.0);
+    let mut short = GlrBank::new(1.0, 5.0);
     (0..20).for_each(|k| short.open(f64::from(k), false));
     assert!(short.iter().all(|o| o.time_s >= 14.0));
 }

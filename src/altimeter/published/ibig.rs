@@ -1,12 +1,12 @@
 //! The integrated baro-inertial-GNSS altimeter as published: two channels side by side, fused by their variances, scheme 3.
 
-use super::model::ErrorModel;
-use super::published::{Ibi, Iig, Innovation, Variant};
+use super::error_model::ErrorModel;
+use super::filter::{Ibi, Iig, Variant, WeightedInnovation};
 use super::selector::ChannelTest;
 
 /// Which of the published filters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
+pub enum AltimeterMethod {
     /// The optimal Kalman filter in both channels.
     Okf,
     /// The robust one as printed.
@@ -21,7 +21,7 @@ pub enum Method {
 
 /// Which of the three altimeters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scheme {
+pub enum AltimeterScheme {
     /// Baro-inertial.
     Ibi,
     /// Inertial-GNSS.
@@ -55,11 +55,11 @@ pub fn fuse(a: Estimate, b: Estimate) -> Estimate {
 
 /// What a step's measurements met: one element a channel that had one it could use.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StepReport {
+pub struct ChannelReport {
     /// The baro-inertial channel.
-    pub ibi: Option<Innovation>,
+    pub ibi: Option<WeightedInnovation>,
     /// The inertial-GNSS channel.
-    pub iig: Option<Innovation>,
+    pub iig: Option<WeightedInnovation>,
 }
 
 /// Both channels with one kind of filter.
@@ -79,21 +79,21 @@ impl Pair {
         self.iig.predict(dt_s);
     }
 
-    fn step(&mut self, dt_s: f64, z_ibi: Option<f64>, z_iig: Option<f64>) -> StepReport {
+    fn step(&mut self, dt_s: f64, z_ibi: Option<f64>, z_iig: Option<f64>) -> ChannelReport {
         self.predict(dt_s);
-        StepReport {
+        ChannelReport {
             ibi: z_ibi.and_then(|z| self.ibi.update(z)),
             iig: z_iig.and_then(|z| self.iig.update(z)),
         }
     }
 
-    fn estimate(&self, scheme: Scheme) -> Estimate {
+    fn estimate(&self, scheme: AltimeterScheme) -> Estimate {
         let ibi = Estimate { delta_h_m: self.ibi.delta_h(), variance_m2: self.ibi.variance() };
         let iig = Estimate { delta_h_m: self.iig.delta_h(), variance_m2: self.iig.variance() };
         match scheme {
-            Scheme::Ibi => ibi,
-            Scheme::Iig => iig,
-            Scheme::Ibig => fuse(ibi, iig),
+            AltimeterScheme::Ibi => ibi,
+            AltimeterScheme::Iig => iig,
+            AltimeterScheme::Ibig => fuse(ibi, iig),
         }
     }
 }
@@ -115,13 +115,13 @@ pub struct PublishedAltimeter {
 
 impl PublishedAltimeter {
     /// At x = 0 with the model's start covariance.
-    pub fn new(model: ErrorModel, method: Method) -> Self {
+    pub fn new(model: ErrorModel, method: AltimeterMethod) -> Self {
         let variant = match method {
-            Method::Okf | Method::Selector => Variant::Okf,
-            Method::Rkf => Variant::Rkf,
-            Method::RkfJoseph => Variant::RkfJoseph,
+            AltimeterMethod::Okf | AltimeterMethod::Selector => Variant::Okf,
+            AltimeterMethod::Rkf => Variant::Rkf,
+            AltimeterMethod::RkfJoseph => Variant::RkfJoseph,
         };
-        let selection = (method == Method::Selector).then(|| Selection {
+        let selection = (method == AltimeterMethod::Selector).then(|| Selection {
             robust: Pair::new(model, Variant::Rkf),
             ibi: ChannelTest::default(),
             iig: ChannelTest::default(),
@@ -132,11 +132,11 @@ impl PublishedAltimeter {
     /// Goes on by `dt_s` and uses the measurements there are then: inertial less barometric altitude and inertial less GNSS altitude, m.
     ///
     /// The report is of the filters that the fused estimate comes from: a channel that the selector leaves out has no weight.
-    pub fn step(&mut self, dt_s: f64, z_ibi: Option<f64>, z_iig: Option<f64>) -> StepReport {
+    pub fn step(&mut self, dt_s: f64, z_ibi: Option<f64>, z_iig: Option<f64>) -> ChannelReport {
         let Some(selection) = &mut self.selection else { return self.pair.step(dt_s, z_ibi, z_iig) };
         let robust = selection.robust.step(dt_s, z_ibi, z_iig);
         self.pair.predict(dt_s);
-        let optimal = StepReport {
+        let optimal = ChannelReport {
             ibi: z_ibi.and_then(|z| selection.ibi.guard(&mut self.pair.ibi, z)),
             iig: z_iig.and_then(|z| selection.iig.guard(&mut self.pair.iig, z)),
         };
@@ -145,7 +145,7 @@ impl PublishedAltimeter {
 
     /// The estimate of a scheme. The selector's single channels are its optimal filter while the channel is healthy, and its robust one
     /// while it is faulty.
-    pub fn estimate(&self, scheme: Scheme) -> Estimate {
+    pub fn estimate(&self, scheme: AltimeterScheme) -> Estimate {
         let Some(selection) = &self.selection else { return self.pair.estimate(scheme) };
         let (ibi, iig) = self.faulty();
         let of = |robust: bool, scheme| {
@@ -153,11 +153,11 @@ impl PublishedAltimeter {
             pair.estimate(scheme)
         };
         match (scheme, ibi, iig) {
-            (Scheme::Ibi, faulty, _) | (Scheme::Iig, _, faulty) => of(faulty, scheme),
-            (Scheme::Ibig, false, false) => of(false, Scheme::Ibig),
-            (Scheme::Ibig, true, false) => of(false, Scheme::Iig),
-            (Scheme::Ibig, false, true) => of(false, Scheme::Ibi),
-            (Scheme::Ibig, true, true) => of(true, Scheme::Ibig),
+            (AltimeterScheme::Ibi, faulty, _) | (AltimeterScheme::Iig, _, faulty) => of(faulty, scheme),
+            (AltimeterScheme::Ibig, false, false) => of(false, AltimeterScheme::Ibig),
+            (AltimeterScheme::Ibig, true, false) => of(false, AltimeterScheme::Iig),
+            (AltimeterScheme::Ibig, false, true) => of(false, AltimeterScheme::Ibi),
+            (AltimeterScheme::Ibig, true, true) => of(true, AltimeterScheme::Ibig),
         }
     }
 
@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     fn run(
-        method: Method,
+        method: AltimeterMethod,
         z: impl Fn(usize) -> (Option<f64>, Option<f64>),
         steps: usize,
     ) -> PublishedAltimeter {
@@ -191,12 +191,17 @@ mod tests {
 
     #[test]
     fn a_missing_measurement_is_missing_and_the_doubt_grows() {
-        for method in [Method::Okf, Method::Rkf, Method::RkfJoseph, Method::Selector] {
+        for method in [
+            AltimeterMethod::Okf,
+            AltimeterMethod::Rkf,
+            AltimeterMethod::RkfJoseph,
+            AltimeterMethod::Selector,
+        ] {
             let all = run(method, |_| (Some(1.0), Some(1.0)), 200);
             let out = run(method, |k| if k < 200 { (Some(1.0), Some(1.0)) } else { (None, None) }, 7400);
-            let (before, after) = (all.estimate(Scheme::Ibig), out.estimate(Scheme::Ibig));
+            let (before, after) = (all.estimate(AltimeterScheme::Ibig), out.estimate(AltimeterScheme::Ibig));
             assert!(after.variance_m2 > 4.0 * before.variance_m2, "{method:?}");
-            assert!((all.estimate(Scheme::Ibig).delta_h_m - 1.0).abs() < 0.2);
+            assert!((all.estimate(AltimeterScheme::Ibig).delta_h_m - 1.0).abs() < 0.2);
             // One channel alone goes on as if the other had never been.
             let half = run(method, |_| (None, Some(1.0)), 200);
             assert_eq!(half.channels().1.state(), all.channels().1.state());
@@ -205,18 +210,23 @@ mod tests {
 
     #[test]
     fn nothing_wild_gets_in() {
-        for method in [Method::Okf, Method::Rkf, Method::RkfJoseph, Method::Selector] {
+        for method in [
+            AltimeterMethod::Okf,
+            AltimeterMethod::Rkf,
+            AltimeterMethod::RkfJoseph,
+            AltimeterMethod::Selector,
+        ] {
             let mut altimeter = run(method, |_| (Some(1.0), Some(2.0)), 50);
             let before = altimeter.clone();
             for bad in [f64::NAN, f64::INFINITY, -1e300] {
-                assert_eq!(altimeter.step(bad, Some(bad), Some(bad)), StepReport::default());
+                assert_eq!(altimeter.step(bad, Some(bad), Some(bad)), ChannelReport::default());
             }
             assert_eq!(altimeter.channels().0.state(), before.channels().0.state());
             for _ in 0..200 {
                 altimeter.step(1e300, None, None);
             }
             altimeter.step(0.5, Some(9e8), Some(-9e8));
-            for scheme in [Scheme::Ibi, Scheme::Iig, Scheme::Ibig] {
+            for scheme in [AltimeterScheme::Ibi, AltimeterScheme::Iig, AltimeterScheme::Ibig] {
                 let e = altimeter.estimate(scheme);
                 assert!(
                     e.delta_h_m.is_finite() && e.variance_m2.is_finite() && e.variance_m2 >= 0.0,
@@ -233,15 +243,18 @@ mod tests {
         let at = |steps, both: bool| {
             let bias = |k: usize| if (200..240).contains(&k) { 30.0 } else { 0.0 };
             let iig = move |k| if both { noise(k) + bias(k) } else { noise(k) };
-            run(Method::Selector, move |k| (Some(noise(k) + bias(k)), Some(iig(k))), steps)
+            run(AltimeterMethod::Selector, move |k| (Some(noise(k) + bias(k)), Some(iig(k))), steps)
         };
         assert_eq!(at(200, false).faulty(), (false, false));
         let one = at(205, false);
         assert_eq!(one.faulty(), (true, false));
-        assert_eq!(one.estimate(Scheme::Ibig), one.estimate(Scheme::Iig));
+        assert_eq!(one.estimate(AltimeterScheme::Ibig), one.estimate(AltimeterScheme::Iig));
         let two = at(205, true);
         assert_eq!(two.faulty(), (true, true));
-        assert_eq!(two.estimate(Scheme::Ibig), two.selection.as_ref().unwrap().robust.estimate(Scheme::Ibig));
+        assert_eq!(
+            two.estimate(AltimeterScheme::Ibig),
+            two.selection.as_ref().unwrap().robust.estimate(AltimeterScheme::Ibig)
+        );
         assert_eq!(at(600, false).faulty(), (false, false));
     }
 

@@ -11,11 +11,11 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use super::implicit::{Dynamics, ImplicitOutput, ImplicitSystem, Transition};
-use super::motion::BodyMotion;
-use super::pose::rotation_nearest;
+use super::implicit::{AffineDynamics, AffineTransition, ImplicitOutput, ImplicitSystem};
 use super::riccati::{self, Discount};
 use crate::geo::so3::hat;
+use crate::landmark::motion::BodyMotion;
+use crate::landmark::pose::kabsch_rotation;
 
 /// A camera on the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,7 +116,7 @@ impl VisionInertial {
         let at = |i: usize| i - self.offset();
         let point = Vector3::from_column_slice(x.rows(at(POINT), 3).as_slice());
         let r_t = Matrix3::from_column_slice(x.rows(at(ROTATION), 9).as_slice());
-        let r = rotation_nearest(&r_t.transpose())?;
+        let r = kabsch_rotation(&r_t.transpose())?;
         Some((self.first() - r * point, r))
     }
 
@@ -200,7 +200,7 @@ impl ImplicitSystem for VisionInertial {
         24 - self.offset()
     }
 
-    fn dynamics(&self, input: &BodyMotion) -> Dynamics {
+    fn dynamics(&self, input: &BodyMotion) -> AffineDynamics {
         let n = self.dimension();
         let mut matrix = DMatrix::zeros(n, n);
         let skew = -hat(&input.angular_rate_body);
@@ -209,7 +209,7 @@ impl ImplicitSystem for VisionInertial {
         }
         let mut constant = DVector::zeros(n);
         constant.fixed_rows_mut::<3>(POINT - self.offset()).copy_from(&-input.velocity_body);
-        Dynamics { matrix, constant, disturbance: DMatrix::from_diagonal(&self.noise()) }
+        AffineDynamics { matrix, constant, disturbance: DMatrix::from_diagonal(&self.noise()) }
     }
 
     fn outputs(&self, sample: &VisionSample, _: &BodyMotion, outputs: &mut Vec<ImplicitOutput>) {
@@ -221,7 +221,7 @@ impl ImplicitSystem for VisionInertial {
         }
     }
 
-    fn transition(&self, input: &BodyMotion, dt_s: f64) -> Transition {
+    fn transition(&self, input: &BodyMotion, dt_s: f64) -> AffineTransition {
         let n = self.dimension();
         let (turn, way) = input.over(dt_s);
         let mut matrix = DMatrix::identity(n, n);
@@ -230,7 +230,7 @@ impl ImplicitSystem for VisionInertial {
         }
         let mut constant = DVector::zeros(n);
         constant.fixed_rows_mut::<3>(POINT - self.offset()).copy_from(&-turn.tr_mul(&way));
-        Transition { matrix, constant }
+        AffineTransition { matrix, constant }
     }
 
     fn riccati_step(

@@ -6,8 +6,8 @@
 
 use nalgebra::{RowSVector, SMatrix, SVector};
 
-use super::model::{ErrorModel, H_IBI, H_IIG};
-use super::probability::normal_operation;
+use super::error_model::{ErrorModel, H_IBI, H_IIG};
+use crate::altimeter::probability::normal_operation;
 
 /// Bound on the normalised innovation in (32).
 const NORMAL_SIGMAS: f64 = 3.0;
@@ -29,7 +29,7 @@ pub enum Variant {
 
 /// What became of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Innovation {
+pub struct WeightedInnovation {
     /// The normalised innovation before the update, (29).
     pub normalised: f64,
     /// Variance of the innovation, H P⁻ Hᵀ + R, m².
@@ -95,7 +95,7 @@ impl<const N: usize> PublishedFilter<N> {
     }
 
     /// What a measurement `z` of now would meet, inertial less measured altitude, m: (24), (29), (32). `None` when it is no height.
-    pub fn innovation(&self, z: f64) -> Option<Innovation> {
+    pub fn innovation(&self, z: f64) -> Option<WeightedInnovation> {
         if z.is_nan() || z.abs() > LARGEST_M {
             return None;
         }
@@ -105,13 +105,13 @@ impl<const N: usize> PublishedFilter<N> {
             Variant::Okf => 1.0,
             Variant::Rkf | Variant::RkfJoseph => normal_operation(normalised, 1.0, NORMAL_SIGMAS),
         };
-        Some(Innovation { normalised, variance, prob })
+        Some(WeightedInnovation { normalised, variance, prob })
     }
 
     /// Uses it: (25), (26), (28). `None`, and nothing changes, when it is no height.
-    pub fn update(&mut self, z: f64) -> Option<Innovation> {
+    pub fn update(&mut self, z: f64) -> Option<WeightedInnovation> {
         let innovation = self.innovation(z)?;
-        let Innovation { variance, prob, .. } = innovation;
+        let WeightedInnovation { variance, prob, .. } = innovation;
         let k = self.p * self.h.transpose() / variance;
         self.x += k * (prob * (z - (self.h * self.x)[0]));
         self.p = match self.variant {

@@ -9,7 +9,7 @@ fn square(k: u32) -> f64 {
 }
 
 /// Samples with this variance over the normal one, until the noise is over; how many that took.
-fn follow(noise: &mut GrownNoise, factor: f64, most: u32) -> Option<u32> {
+fn follow(noise: &mut NoiseMonitor, factor: f64, most: u32) -> Option<u32> {
     // Variance of the prediction 0.5, of a sample 2.
     (1..=most).find(|k| noise.follow((0.5 + 2.0 * factor) * square(*k), 0.5, 2.0, 9.0))
 }
@@ -17,7 +17,7 @@ fn follow(noise: &mut GrownNoise, factor: f64, most: u32) -> Option<u32> {
 #[test]
 fn it_finds_the_factor_and_its_end() {
     for factor in [4.0, 25.0, 100.0] {
-        let mut noise = GrownNoise::default();
+        let mut noise = NoiseMonitor::default();
         assert_eq!((noise.factor(), noise.since_s()), (1.0, None));
         noise.grow(2.0 * factor, 6, 12.5);
         assert_eq!((noise.factor(), noise.since_s()), (2.0 * factor, Some(12.5)));
@@ -31,7 +31,7 @@ fn it_finds_the_factor_and_its_end() {
 
 #[test]
 fn without_any_there_is_nothing_to_follow() {
-    let mut noise = GrownNoise::default();
+    let mut noise = NoiseMonitor::default();
     assert!(!noise.follow(1e6, 1.0, 1.0, 9.0));
     assert_eq!(noise.factor(), 1.0);
     // Less than one and a half times is none.

@@ -13,13 +13,13 @@
 //! happened" ½ dᵀC⁻¹d: the generalised likelihood ratio of Willsky and Jones (IEEE TAC 21, 1976). x̂ − J f̂ with P + J C⁻¹ Jᵀ is what the
 //! filter would hold had it had the state open since θ (Friedland's separation, IEEE TAC 14, 1969): going back to the onset costs no replay.
 
-use super::joint::{CLIMB, Channel, HEIGHT, Innovation, STATES, State, Transition};
+use super::joint::{CLIMB, Channel, HEIGHT, HeightInnovation, HeightTransition, STATES, State};
 
 /// What may jump: a channel, or the inertial altitude.
 pub(super) const JUMPS: usize = 5;
 /// The inertial altitude among the jumps; the channels stand at their index.
 pub(super) const INERTIAL: usize = 4;
-/// Onsets that are looked at.
+/// GlrBank that are looked at.
 const ONSETS: usize = 14;
 /// The newest of them are kept one by one, the older ones are thinned.
 const DENSE: usize = 6;
@@ -173,7 +173,7 @@ impl Onset {
 
 /// The bank.
 #[derive(Clone, Debug)]
-pub(super) struct Onsets {
+pub(super) struct GlrBank {
     onsets: [Onset; ONSETS],
     /// Places of the onsets, oldest first, then the free ones: an onset is large and stays where it is.
     order: [u8; ONSETS],
@@ -187,8 +187,8 @@ pub(super) struct Onsets {
 /// ν²/S of a sample counts for no more than this in the bounded sums: one outlier is no noise.
 const OUTLIER: f64 = 16.0;
 
-impl Onsets {
-    /// Onsets at least `spacing_s` apart, no older than `window_s`.
+impl GlrBank {
+    /// GlrBank at least `spacing_s` apart, no older than `window_s`.
     pub(super) fn new(spacing_s: f64, window_s: f64) -> Self {
         let order = std::array::from_fn(|i| i as u8);
         Self { onsets: [Onset::new(0.0); ONSETS], order, len: 0, kept_s: f64::NAN, spacing_s, window_s }
@@ -220,7 +220,7 @@ impl Onsets {
     }
 
     /// Time goes on.
-    pub(super) fn predict(&mut self, phi: &Transition, in_use: [bool; JUMPS]) {
+    pub(super) fn predict(&mut self, phi: &HeightTransition, in_use: [bool; JUMPS]) {
         for place in self.order.iter().take(self.len) {
             let onset = &mut self.onsets[usize::from(*place)];
             for (effect, _) in onset.effect.iter_mut().zip(in_use).filter(|(_, used)| *used) {
@@ -266,7 +266,7 @@ impl Onsets {
     pub(super) fn measured(
         &mut self,
         channel: Channel,
-        innovation: &Innovation,
+        innovation: &HeightInnovation,
         gain: &State,
         in_use: [bool; JUMPS],
     ) {

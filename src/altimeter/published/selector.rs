@@ -1,6 +1,6 @@
 //! Whether a channel is faulty, from the innovations of its optimal filter: what the published recommendation needs and leaves open.
 
-use super::published::{Innovation, PublishedFilter};
+use super::filter::{PublishedFilter, WeightedInnovation};
 
 /// Innovations that are looked at together.
 const WINDOW: usize = 20;
@@ -52,10 +52,10 @@ impl ChannelTest {
         &mut self,
         filter: &mut PublishedFilter<N>,
         z: f64,
-    ) -> Option<Innovation> {
+    ) -> Option<WeightedInnovation> {
         let innovation = filter.innovation(z)?;
         self.add(innovation.normalised, 1.0 - filter.noise_variance() / innovation.variance);
-        if self.is_faulty() { Some(Innovation { prob: 0.0, ..innovation }) } else { filter.update(z) }
+        if self.is_faulty() { Some(WeightedInnovation { prob: 0.0, ..innovation }) } else { filter.update(z) }
     }
 
     /// The verdict after the innovations so far.

@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::implicit::{ImplicitOutput, ImplicitSystem, Transition};
+use super::implicit::{AffineTransition, ImplicitOutput, ImplicitSystem};
 use super::riccati::{Discount, definite};
 
 /// What a filter is told at its start.
@@ -131,7 +131,7 @@ impl<S: ImplicitSystem> HinfFilter<S> {
         if !dt_s.is_finite() || dt_s <= 0.0 || self.state == Definiteness::NotFinite {
             return self.state;
         }
-        let Transition { matrix, constant } = self.system.transition(&self.input, dt_s);
+        let AffineTransition { matrix, constant } = self.system.transition(&self.input, dt_s);
         let x = matrix * &self.x + constant;
         if !x.iter().all(|v| v.is_finite()) {
             self.state = Definiteness::NotFinite;
@@ -183,7 +183,7 @@ impl<S: ImplicitSystem> HinfFilter<S> {
     ///
     /// # Errors
     /// [`UpdateRefusal`], when the filter does not know.
-    pub fn back(&self, age_s: f64) -> Result<(Transition, S::Input), UpdateRefusal> {
+    pub fn back(&self, age_s: f64) -> Result<(AffineTransition, S::Input), UpdateRefusal> {
         if !age_s.is_finite() {
             return Err(UpdateRefusal::Unusable);
         }
@@ -194,7 +194,7 @@ impl<S: ImplicitSystem> HinfFilter<S> {
             return Err(UpdateRefusal::TooOld);
         }
         let n = self.x.len();
-        let mut back = Transition { matrix: DMatrix::identity(n, n), constant: DVector::zeros(n) };
+        let mut back = AffineTransition { matrix: DMatrix::identity(n, n), constant: DVector::zeros(n) };
         let (mut left, mut input) = (age_s, &self.input);
         for (span, held) in self.history.iter().rev() {
             if left <= ROUNDING_S {
@@ -234,7 +234,11 @@ fn started(
 }
 
 /// W and ζ of an output (16) that was taken where `back` leads to; `None` when it is not finite or sizes differ.
-pub fn impulse(output: &ImplicitOutput, back: &Transition, n: usize) -> Option<(DMatrix<f64>, DVector<f64>)> {
+pub fn impulse(
+    output: &ImplicitOutput,
+    back: &AffineTransition,
+    n: usize,
+) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let rows = output.gradient.nrows();
     let fits = output.gradient.ncols() == n && output.constant.len() == rows && output.variance > 0.0;
     if !fits || output.free.as_ref().is_some_and(|y| y.nrows() != rows) {

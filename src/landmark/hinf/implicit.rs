@@ -9,7 +9,7 @@ use super::riccati::{self, Discount};
 
 /// The affine vector field of a system under an input that is held.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Dynamics {
+pub struct AffineDynamics {
     /// A(u).
     pub matrix: DMatrix<f64>,
     /// a(u).
@@ -20,7 +20,7 @@ pub struct Dynamics {
 
 /// What an interval with a held input does to the state: x(t + h) = Φ x(t) + φ.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Transition {
+pub struct AffineTransition {
     /// Φ(t + h, t).
     pub matrix: DMatrix<f64>,
     /// φ = ∫ Φ(t + h, σ) a dσ.
@@ -40,7 +40,7 @@ pub struct ImplicitOutput {
     pub variance: f64,
 }
 
-/// A system whose states [`super::HinfFilter`] can estimate.
+/// A system whose states [`super::filter::HinfFilter`] can estimate.
 pub trait ImplicitSystem {
     /// u, held between changes.
     type Input: Clone;
@@ -51,7 +51,7 @@ pub trait ImplicitSystem {
     fn dimension(&self) -> usize;
 
     /// A(u), a(u) and G(u)G(u)ᵀ.
-    fn dynamics(&self, input: &Self::Input) -> Dynamics;
+    fn dynamics(&self, input: &Self::Input) -> AffineDynamics;
 
     /// Adds the outputs that a sample holds; `input` is that of the time at which it was taken.
     fn outputs(&self, sample: &Self::Sample, input: &Self::Input, outputs: &mut Vec<ImplicitOutput>);
@@ -62,7 +62,7 @@ pub trait ImplicitSystem {
     }
 
     /// The exact transition over `dt_s`. By default from the exponential of [[A, a], [0, 0]] h.
-    fn transition(&self, input: &Self::Input, dt_s: f64) -> Transition {
+    fn transition(&self, input: &Self::Input, dt_s: f64) -> AffineTransition {
         riccati::affine_transition(&self.dynamics(input), dt_s)
     }
 

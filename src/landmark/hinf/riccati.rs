@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::implicit::{Dynamics, Transition};
+use super::implicit::{AffineDynamics, AffineTransition};
 
 /// The two numbers of the cost (10).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,19 +21,22 @@ pub struct Discount {
 const LARGEST_TURN: f64 = 0.5;
 
 /// Φ and φ from the exponential of [[A, a], [0, 0]] h.
-pub fn affine_transition(dynamics: &Dynamics, dt_s: f64) -> Transition {
+pub fn affine_transition(dynamics: &AffineDynamics, dt_s: f64) -> AffineTransition {
     let n = dynamics.constant.len();
     let mut m = DMatrix::zeros(n + 1, n + 1);
     m.view_mut((0, 0), (n, n)).copy_from(&(&dynamics.matrix * dt_s));
     m.view_mut((0, n), (n, 1)).copy_from(&(&dynamics.constant * dt_s));
     let e = m.exp();
-    Transition { matrix: e.view((0, 0), (n, n)).into(), constant: e.view((0, n), (n, 1)).column(0).into() }
+    AffineTransition {
+        matrix: e.view((0, 0), (n, n)).into(),
+        constant: e.view((0, n), (n, 1)).column(0).into(),
+    }
 }
 
 /// The step for any A and GGᵀ: [U; V] = exp([[A + λI, GGᵀ/γ²], [−Qe, −(A + λI)ᵀ]] h) [I; P], P⁺ = VU⁻¹. `None` when P⁺, or P on the way, is
 /// not positive definite.
 pub fn hamiltonian_step(
-    dynamics: &Dynamics,
+    dynamics: &AffineDynamics,
     error_weight: &DVector<f64>,
     discount: Discount,
     dt_s: f64,
@@ -131,11 +134,15 @@ mod tests {
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
-    fn system(omega: &Vector3<f64>, g: [f64; 2]) -> Dynamics {
+    fn system(omega: &Vector3<f64>, g: [f64; 2]) -> AffineDynamics {
         let mut matrix = DMatrix::zeros(6, 6);
         matrix.view_mut((0, 0), (3, 3)).copy_from(&-so3::hat(omega));
         let disturbance = DVector::from_fn(6, |i, _| g[i / 3]);
-        Dynamics { matrix, constant: DVector::zeros(6), disturbance: DMatrix::from_diagonal(&disturbance) }
+        AffineDynamics {
+            matrix,
+            constant: DVector::zeros(6),
+            disturbance: DMatrix::from_diagonal(&disturbance),
+        }
     }
 
     fn start(seed: &[f64]) -> DMatrix<f64> {
@@ -181,7 +188,7 @@ mod tests {
         let one = DMatrix::from_element(1, 1, 1.0);
         let (q, g) = (DVector::from_element(1, 1.0), DVector::from_element(1, 1.0));
         let discount = Discount { gamma: 1.0, lambda: 0.0 };
-        let dynamics = Dynamics {
+        let dynamics = AffineDynamics {
             matrix: DMatrix::zeros(1, 1),
             constant: DVector::zeros(1),
             disturbance: DMatrix::from_diagonal(&g),
