@@ -5,9 +5,7 @@ use super::fault_tolerant::Altimeter;
 use super::glr_bank::{Fit, INERTIAL, Onset};
 use super::isolation::{ExplanationScore, explain, score};
 use super::joint::{Channel, HEIGHT, HeightInnovation, State};
-
-/// Log-odds by which a bias has to be zero to be over.
-const HEALED: f64 = -2.0;
+use super::tuning::HEALED;
 
 impl Altimeter {
     /// Follows the noise of a channel whose noise has grown.

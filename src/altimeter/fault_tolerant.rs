@@ -7,45 +7,17 @@
 //! noise is used with the variance it shows. A channel is healthy again when zero is likely enough for its bias, or its noise is
 //! back to normal: never is the truth rejected because a fault was believed. A measurement that is missing is missing.
 
+use super::channel_state::ChannelState;
 use super::drift::Drift;
 use super::fault::{Change, Fault, Health};
 use super::glr_bank::{GlrBank, JUMPS};
 use super::joint::{CLIMB, Channel, HEIGHT, Joint, State};
-use super::noise_monitor::NoiseMonitor;
 use super::probability::normal_operation;
 use super::settings::AltimeterSettings;
-
-/// Longest step of the prediction, s.
-const MAX_STEP_S: f64 = 0.5;
-/// Longest time that is predicted at once, s: nobody is without an IMU for longer and knows the height.
-const MAX_TIME_S: f64 = 5000.0;
-/// Beyond this nothing is a height, a distance, or what an origin moves by, m …
-const LARGEST_M: f64 = 1e6;
-/// … nor an acceleration, or the noise of one, m/s².
-const LARGEST_MPS2: f64 = 1e4;
-/// Variance of a height of which nothing is known any more, m²: from here on time stands still, for the doubt grows without bound.
-const LOST_VARIANCE: f64 = LARGEST_M * LARGEST_M;
-/// The limit of (32), in standard deviations.
-const LIMIT: f64 = 3.0;
-/// A channel without a height of its own that was silent for this long begins anew, s.
-const FORGOTTEN_S: f64 = 3.0;
-/// So many distances in a row that do not fit are to another ground.
-const ANOTHER_GROUND: u32 = 5;
-/// The least part of the inertial noise, and how fast it grows and shrinks by the surprise of a sample.
-const LEAST_NOISE_SHARE: f64 = 0.02;
-const NOISE_SHARE_GAIN: [f64; 2] = [0.03, 0.0075];
-/// A healthy ν² is below this more often than not, by so much that the part shrinks.
-const SURPRISE: f64 = 2.0;
-/// A channel has settled when its prediction's variance is this part of a sample's.
-const SETTLED: f64 = 0.1;
-/// A channel of which that is so much more has to settle again: after a long silence of all, nobody knows what it should read.
-const UNSETTLED: f64 = 25.0;
-/// An innovation beyond this may be the first of a fault, in standard deviations.
-const SUSPICIOUS: f64 = 2.5;
-/// Or after so many samples.
-const SETTLING: u32 = 20;
-/// Changes that can wait to be asked for.
-const CHANGES: usize = 16;
+use super::tuning::{
+    ANOTHER_GROUND, CHANGES, FORGOTTEN_S, LARGEST_M, LARGEST_MPS2, LEAST_NOISE_SHARE, LIMIT, LOST_VARIANCE,
+    MAX_STEP_S, MAX_TIME_S, NOISE_SHARE_GAIN, SURPRISE, SUSPICIOUS,
+};
 
 /// What became of a height.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,41 +31,6 @@ pub enum HeightVerdict {
     },
     /// Not used; the innovation over its standard deviation (NaN when it is no number).
     Rejected(f64),
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ChannelState {
-    started: bool,
-    /// What it should read was once known better than a sample tells it. Before, a fault cannot be told from a wrong start.
-    pub(super) settled: bool,
-    /// Its last innovation was a large one.
-    far: bool,
-    /// Samples so far, while it settles.
-    settling: u32,
-    /// Since when a bias is declared, s.
-    pub(super) biased_since_s: Option<f64>,
-    /// What the offset was when the bias was declared, m.
-    pub(super) offset_before_m: f64,
-    pub(super) noise: NoiseMonitor,
-    heard_s: f64,
-    /// Samples in a row that were not used.
-    refused: u32,
-}
-
-impl ChannelState {
-    fn new() -> Self {
-        Self {
-            started: false,
-            settled: false,
-            far: false,
-            settling: 0,
-            biased_since_s: None,
-            offset_before_m: 0.0,
-            noise: NoiseMonitor::default(),
-            heard_s: f64::NEG_INFINITY,
-            refused: 0,
-        }
-    }
 }
 
 /// See the module's documentation.
@@ -325,14 +262,37 @@ impl Altimeter {
         claimed_sigma_m: Option<f64>,
         age_s: f64,
     ) -> HeightVerdict {
-        let i = channel.index();
-        let floor = self.settings.channels[i].noise_m;
+        let floor = self.settings.channels[channel.index()].noise_m;
         let sigma = claimed_sigma_m.filter(|s| !s.is_nan()).map_or(floor, |s| s.clamp(floor, LARGEST_M));
         let y = height_m + self.climb_mps() * age_s;
         if y.is_nan() || y.abs() > LARGEST_M {
             return HeightVerdict::Rejected(f64::NAN);
         }
         self.propagate();
+        self.begin(channel, y, sigma);
+        let r = sigma * sigma;
+        let noise = r * self.channels[channel.index()].noise.factor();
+        let innovation = self.joint.innovation(channel, y, noise);
+        let normalised = innovation.value / innovation.variance.sqrt();
+        if !normalised.is_finite() {
+            return HeightVerdict::Rejected(normalised);
+        }
+        let settled = self.channels[channel.index()].settle(innovation.variance - noise, r);
+        let weight = self.weight(settled, normalised);
+        self.open_onset(channel, normalised);
+        let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
+        self.bank.measured(channel, &innovation, &gain, self.in_use());
+        self.note_noise(channel, &innovation, r);
+        if settled && matches!(channel, Channel::Baro | Channel::SecondBaro) {
+            self.follow_surprise(normalised);
+        }
+        self.detect(channel, normalised);
+        self.judge(channel, weight, normalised)
+    }
+
+    /// Starts a channel with its first height, and anew after a silence where it has no height of its own.
+    fn begin(&mut self, channel: Channel, y: f64, sigma: f64) {
+        let i = channel.index();
         if !channel.is_absolute() && self.clock_s - self.channels[i].heard_s > FORGOTTEN_S {
             // The ground under the beam is another one, and what a second barometer was off by is known no better than from now on.
             self.channels[i].started = false;
@@ -344,37 +304,34 @@ impl Altimeter {
             self.start(channel, y, sigma);
         }
         self.channels[i].heard_s = self.clock_s;
-        let r = sigma * sigma;
-        let noise = r * self.channels[i].noise.factor();
-        let innovation = self.joint.innovation(channel, y, noise);
-        let predicted = innovation.variance - noise;
-        let normalised = innovation.value / innovation.variance.sqrt();
-        if !normalised.is_finite() {
-            return HeightVerdict::Rejected(normalised);
-        }
-        self.channels[i].settling = self.channels[i].settling.saturating_add(1);
-        self.channels[i].settled |= predicted < SETTLED * r || self.channels[i].settling > SETTLING;
-        if predicted > UNSETTLED * r && self.channels[i].biased_since_s.is_none() {
-            (self.channels[i].settled, self.channels[i].settling) = (false, 0);
-        }
-        let settled = self.channels[i].settled;
+    }
+
+    /// The weight of a sample: the probability (32) that its channel works normally; 1 while it settles, 0 where that is too little.
+    fn weight(&self, settled: bool, normalised: f64) -> f64 {
         let prob = if settled { normal_operation(normalised, 1.0, LIMIT) } else { 1.0 };
-        let weight = if prob < self.settings.least_prob { 0.0 } else { prob };
+        if prob < self.settings.least_prob { 0.0 } else { prob }
+    }
+
+    /// Opens an onset in the bank before a sample is used, unless somebody still settles.
+    fn open_onset(&mut self, channel: Channel, normalised: f64) {
         let far = normalised.abs() > SUSPICIOUS;
-        let begins = !std::mem::replace(&mut self.channels[i].far, far) && far;
+        let begins = !std::mem::replace(&mut self.channels[channel.index()].far, far) && far;
         // Who settles keeps the others from judging, but not for longer than it is heard.
         let silent = |c: &ChannelState| self.clock_s - c.heard_s > FORGOTTEN_S;
         if self.channels.iter().all(|c| c.settled || !c.started || silent(c)) {
             self.bank.open(self.clock_s, begins);
         }
-        let gain = if weight > 0.0 { self.joint.update(&innovation, weight) } else { State::zeros() };
-        self.bank.measured(channel, &innovation, &gain, self.in_use());
-        self.note_noise(channel, &innovation, r);
-        if settled && channel != Channel::Gnss && channel != Channel::Range {
-            let surprise = (normalised * normalised).min(LIMIT * LIMIT) - SURPRISE;
-            let gain = if surprise > 0.0 { NOISE_SHARE_GAIN[0] } else { NOISE_SHARE_GAIN[1] };
-            self.noise_share = (self.noise_share * (gain * surprise).exp()).clamp(LEAST_NOISE_SHARE, 1.0);
-        }
+    }
+
+    /// How much of the noise that is asked for there is, by how surprising a barometer's sample was.
+    fn follow_surprise(&mut self, normalised: f64) {
+        let surprise = (normalised * normalised).min(LIMIT * LIMIT) - SURPRISE;
+        let gain = if surprise > 0.0 { NOISE_SHARE_GAIN[0] } else { NOISE_SHARE_GAIN[1] };
+        self.noise_share = (self.noise_share * (gain * surprise).exp()).clamp(LEAST_NOISE_SHARE, 1.0);
+    }
+
+    /// Looks for what lasts: faults with an onset, biases that are over, drift.
+    fn detect(&mut self, channel: Channel, normalised: f64) {
         // A sample adds no more than ½ν² to any log-likelihood ratio: until that could be enough, nobody needs to look.
         self.room -= 0.5 * normalised * normalised;
         if self.room <= 0.0 {
@@ -384,14 +341,19 @@ impl Altimeter {
         if channel == Channel::Baro {
             self.look_for_drift();
         }
+    }
+
+    /// What became of a sample. Distances that keep being refused are to another ground.
+    fn judge(&mut self, channel: Channel, weight: f64, normalised: f64) -> HeightVerdict {
+        let state = &mut self.channels[channel.index()];
         if weight > 0.0 {
-            self.channels[i].refused = 0;
+            state.refused = 0;
             return HeightVerdict::Used { weight, normalised };
         }
-        self.channels[i].refused += 1;
-        if channel == Channel::Range && self.channels[i].refused >= ANOTHER_GROUND {
-            self.channels[i].started = false;
-            self.channels[i].refused = 0;
+        state.refused += 1;
+        if channel == Channel::Range && state.refused >= ANOTHER_GROUND {
+            state.started = false;
+            state.refused = 0;
         }
         HeightVerdict::Rejected(normalised)
     }

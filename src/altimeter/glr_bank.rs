@@ -14,15 +14,12 @@
 //! filter would hold had it had the state open since θ (Friedland's separation, IEEE TAC 14, 1969): going back to the onset costs no replay.
 
 use super::joint::{CLIMB, Channel, HEIGHT, HeightInnovation, HeightTransition, STATES, State};
+use super::tuning::{BOUNDED_SQUARE, DENSE, ONSETS};
 
 /// What may jump: a channel, or the inertial altitude.
 pub(super) const JUMPS: usize = 5;
 /// The inertial altitude among the jumps; the channels stand at their index.
 pub(super) const INERTIAL: usize = 4;
-/// GlrBank that are looked at.
-const ONSETS: usize = 14;
-/// The newest of them are kept one by one, the older ones are thinned.
-const DENSE: usize = 6;
 
 /// The sums of one onset.
 #[derive(Clone, Copy, Debug)]
@@ -184,9 +181,6 @@ pub(super) struct GlrBank {
     window_s: f64,
 }
 
-/// ν²/S of a sample counts for no more than this in the bounded sums: one outlier is no noise.
-const OUTLIER: f64 = 16.0;
-
 impl GlrBank {
     /// GlrBank at least `spacing_s` apart, no older than `window_s`.
     pub(super) fn new(spacing_s: f64, window_s: f64) -> Self {
@@ -297,7 +291,7 @@ impl GlrBank {
                 }
             }
             onset.square[c] += square;
-            onset.bounded[c] += square.min(OUTLIER);
+            onset.bounded[c] += square.min(BOUNDED_SQUARE);
             onset.count[c] += 1;
         }
     }

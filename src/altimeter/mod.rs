@@ -7,6 +7,7 @@
 
 mod accommodation;
 pub mod atmosphere;
+mod channel_state;
 mod drift;
 mod fault;
 mod fault_tolerant;
@@ -18,6 +19,7 @@ mod noise_monitor;
 mod probability;
 pub mod published;
 mod settings;
+mod tuning;
 
 pub use fault::{Change, Fault, Health};
 pub use fault_tolerant::{Altimeter, HeightVerdict};

@@ -1,9 +1,6 @@
 //! The noise of a channel that has grown: how large it is, and whether it is back to normal.
 
-/// Samples over which the variance is averaged.
-const MEMORY: f64 = 40.0;
-/// A factor below this is no fault.
-const LEAST_FACTOR: f64 = 1.5;
+use super::tuning::{LEAST_NOISE_FACTOR, NOISE_MEMORY};
 
 /// Follows the variance of a channel's noise while it is declared to have grown.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,7 +32,7 @@ impl NoiseMonitor {
     /// It has grown by a factor, which so many samples have shown.
     pub(super) fn grow(&mut self, factor: f64, samples: u32, since_s: f64) {
         let samples = f64::from(samples).max(1.0);
-        self.grown = Some(Grown { since_s, factor: factor.max(LEAST_FACTOR), samples, relief: 0.0 });
+        self.grown = Some(Grown { since_s, factor: factor.max(LEAST_NOISE_FACTOR), samples, relief: 0.0 });
     }
 
     /// Takes a squared innovation, what the prediction's variance has in it, and the normal variance of the noise. True when the noise
@@ -44,9 +41,9 @@ impl NoiseMonitor {
         let Some(g) = &mut self.grown else { return false };
         let shown = ((square - predicted) / normal).max(0.0);
         g.relief = (g.relief + 0.5 * g.factor.ln() - 0.5 * shown * (1.0 - 1.0 / g.factor)).max(0.0);
-        g.samples = (g.samples + 1.0).min(MEMORY);
+        g.samples = (g.samples + 1.0).min(NOISE_MEMORY);
         g.factor = (g.factor + (shown - g.factor) / g.samples).max(1.0);
-        let over = g.relief > limit || g.factor < LEAST_FACTOR;
+        let over = g.relief > limit || g.factor < LEAST_NOISE_FACTOR;
         if over {
             self.grown = None;
         }

@@ -54,32 +54,6 @@ pub struct AltimeterSettings {
     pub detection: DetectionSettings,
 }
 
-impl DetectionSettings {
-    /// Chosen on runs of the paper's scenarios (seeds other than those that are reported), for samples as its Td has them.
-    const fn paper(step_s: f64) -> Self {
-        Self {
-            ratio: 13.5,
-            margin: 4.0,
-            jump_cost: 2.0,
-            both_cost: 3.0,
-            noise_cost: 2.0,
-            climb_jump_mps: 0.0,
-            samples: 5,
-            lasting_s: 0.0,
-            spacing_s: step_s,
-            window_s: 80.0 * step_s,
-            bias_m: 30.0,
-            relief: 9.0,
-        }
-    }
-
-    /// For a vehicle's own sensors, whose noise is neither white nor Gaussian: with a larger log-likelihood ratio `ratio`, over a window
-    /// of `window_s`, s.
-    pub const fn recorded(ratio: f64, window_s: f64) -> Self {
-        Self { ratio, lasting_s: 0.4, spacing_s: 0.1, window_s, ..Self::paper(0.5) }
-    }
-}
-
 impl AltimeterSettings {
     /// The altimeter of the paper's Table 1, for z of (13) and (18) with Td = 0.5 s: heights are −z, the acceleration is zero. The two
     /// Markov processes Δa and Δg are one here, with the sum of their variances and of their noise.

@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, Vector3};
 
 use super::motion::BodyMotion;
+use super::tuning::{FASTEST, RENEWAL};
 use crate::geo::so3;
 use crate::time::{AutopilotTime, Span};
 
@@ -59,11 +60,6 @@ pub struct DeadReckoning {
     capacity: usize,
     steps: u32,
 }
-
-/// Steps after which Ψ is made a rotation again: it leaves SO(3) by 10⁻¹⁶ a step.
-const RENEWAL: u32 = 4096;
-/// No vehicle moves or turns faster, m/s and rad/s.
-const FASTEST: f64 = 1e3;
 
 impl DeadReckoning {
     /// Starts at `time` in the origin of D, its axes those of the body. Remembers `history_s`, and no more than `capacity` points; between

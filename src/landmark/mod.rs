@@ -17,6 +17,7 @@ pub mod refined;
 mod settings;
 mod sighting;
 mod tracker;
+mod tuning;
 
 pub use dead_reckoning::MotionVerdict;
 pub use drone::{LandmarkFilter, LandmarkHealth, LandmarkPose, PoseGuess, PoseSource};

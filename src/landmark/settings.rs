@@ -1,5 +1,6 @@
 //! What a landmark filter is configured with: the landmarks, the cameras, the noise, and what it may believe.
 
+use super::tuning::FARTHEST_MAPPED_M;
 use nalgebra::{Matrix3, Vector3};
 
 /// Landmarks with known coordinates, by id, in one frame: NED at the origin, or a local frame whose z axis points down.
@@ -24,9 +25,6 @@ pub enum MapError {
     Impossible(u8),
 }
 
-/// No landmark of one map is farther from its origin, m.
-const FARTHEST: f64 = 1e7;
-
 impl LandmarkMap {
     /// A map of landmarks.
     ///
@@ -38,7 +36,8 @@ impl LandmarkMap {
         if landmarks.is_empty() {
             return Err(MapError::Empty);
         }
-        if let Some((id, _)) = landmarks.iter().find(|(_, q)| !q.iter().all(|v| v.abs() < FARTHEST)) {
+        if let Some((id, _)) = landmarks.iter().find(|(_, q)| !q.iter().all(|v| v.abs() < FARTHEST_MAPPED_M))
+        {
             return Err(MapError::Impossible(*id));
         }
         if let Some(pair) = landmarks.windows(2).find(|w| w[0].0 == w[1].0) {
@@ -137,31 +136,6 @@ pub struct LandmarkSettings {
     pub events: usize,
     /// σ of the position (each axis, m) and of the attitude (each axis, rad) below which a pose is converged.
     pub converged_sigma: [f64; 2],
-}
-
-impl Default for LandmarkSettings {
-    fn default() -> Self {
-        Self {
-            lambda: 0.25,
-            bearing_sigma_rad: 0.015,
-            distance_clip_m: [0.5, 12.0],
-            distance_sigma_part: 0.1,
-            gate: 20.0,
-            refined_gate: 16.0,
-            gravity_sigma_rad: 0.03,
-            gravity_period_s: 0.2,
-            orthonormality_weight: 400.0,
-            lockout_part: 0.6,
-            lockout_factor: 0.02,
-            position_drift: 0.02,
-            attitude_drift: 0.003,
-            history_s: 1.0,
-            gap_s: 0.25,
-            motions: 1024,
-            events: 256,
-            converged_sigma: [0.3, 0.06],
-        }
-    }
 }
 
 impl LandmarkSettings {

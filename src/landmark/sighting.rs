@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::dead_reckoning::DeadReckoned;
 use super::information::SeenInD;
 use super::settings::{CameraMount, LandmarkSettings};
+use super::tuning::FARTHEST_SEEN_M;
 use crate::time::AutopilotTime;
 
 /// A landmark in a picture.
@@ -69,9 +70,6 @@ impl SightingVerdict {
     }
 }
 
-/// No landmark is seen from farther away, m.
-const FARTHEST: f64 = 1e5;
-
 /// Brings a sighting from the camera to D, where the body was at `then` when it was made.
 ///
 /// # Errors
@@ -100,7 +98,7 @@ pub(super) fn in_d(
         }
     };
     let norm = towards.norm();
-    let possible = |d: f64| d > 0.0 && d < FARTHEST;
+    let possible = |d: f64| d > 0.0 && d < FARTHEST_SEEN_M;
     if !(norm > 1e-6 && norm < 1e12) || distance_m.is_some_and(|d| !possible(d)) {
         return Err(SightingVerdict::NotFinite);
     }

@@ -9,6 +9,9 @@ use super::pose::kabsch_rotation;
 use super::refined::{Refined, Rigid};
 use super::settings::LandmarkSettings;
 use super::sighting::SightingVerdict;
+use super::tuning::{
+    ACQUIRED_POSITION, ACQUIRED_ROTATION, ACQUIRED_SCALE, APART, APART_S, SHAPED, SMOOTHING, TRUSTED,
+};
 use crate::time::AutopilotTime;
 
 /// What happens to a [`Tracker`].
@@ -44,24 +47,6 @@ pub(super) struct Tracker {
     /// Sightings used since N was free to be anything.
     shaped_by: u32,
 }
-
-/// N is pulled towards SO(3) once as many sightings have shaped it. Before, it has to be free: pulled from the start it would have to turn
-/// through SO(3), where wrong minima are.
-const SHAPED: u32 = 40;
-/// Weight of a new verdict in the smoothed part of rejected sightings.
-const SMOOTHING: f64 = 0.05;
-/// Sightings below this part of rejections: the filter follows.
-const TRUSTED: f64 = 0.4;
-/// The H∞ filter has acquired when N's elements are known to this, …
-const ACQUIRED_ROTATION: f64 = 0.12;
-/// … its singular values are this near to 1, …
-const ACQUIRED_SCALE: f64 = 0.25;
-/// … and the centroid of the field is known to this part of the distances bearings are scaled with at most.
-const ACQUIRED_POSITION: f64 = 0.1;
-/// The refining filter is reset when it is off its monitor's estimate by this χ² (6 degrees of freedom) …
-const APART: f64 = 60.0;
-/// … for this long, s.
-const APART_S: f64 = 1.0;
 
 impl Tracker {
     pub(super) fn new(time: AutopilotTime, hinf: Information, refined: Option<Refined>) -> Self {

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, RowSVector, SVector, Vector3};
 
 use super::state::ObserverState;
+use super::tuning::LEAST_COS_PITCH;
 use crate::geo::so3::{Euler, hat, wrap_pi};
 
 /// Size of the state [Θ, p, v, b_ω, b_f].
@@ -15,9 +16,6 @@ pub(super) const BF: usize = 12;
 
 /// A row of a measurement Jacobian.
 pub(super) type JacobianRow = RowSVector<f64, STATES>;
-
-/// Euler angles say nothing where the cosine of the pitch is below this (1.1° from the vertical): T(Θ) has 1/cos θ in it.
-const LEAST_COS_PITCH: f64 = 0.02;
 
 /// The state of (10), of a trajectory to linearise about or of the filter itself.
 #[derive(Clone, Copy, Debug, PartialEq)]

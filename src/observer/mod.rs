@@ -21,6 +21,7 @@ pub mod history;
 pub mod predictor;
 pub mod state;
 pub mod triad;
+mod tuning;
 pub mod xkf;
 
 pub use attitude::{Discretisation, Gate, MagneticPair};

@@ -10,6 +10,7 @@
 //! On an axis whose velocity is not measured, w_v is the observer's own v̂ at every step (Theorem 2 of Grip: e_v = 0).
 
 use super::history::{MotionHistory, PastMotion};
+use super::tuning::{MAX_AHEAD, MAX_STEP};
 use crate::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
@@ -130,11 +131,6 @@ pub struct Predictor {
     measured_position: [Option<AutopilotTime>; 3],
     measured_velocity: [Option<AutopilotTime>; 3],
 }
-
-/// How far a fix may lie ahead of the last IMU sample: clocks of receiver and IMU jitter by some samples.
-const MAX_AHEAD: Span = Span::from_millis(50);
-/// Longer gaps in the IMU's stream end the prediction.
-const MAX_STEP: Span = Span::from_millis(1000);
 
 impl Predictor {
     /// A predictor without a state. `history` is the longest delay a fix may have; `hold` is how long after its last measurement an axis

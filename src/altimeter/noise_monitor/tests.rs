@@ -36,5 +36,5 @@ fn without_any_there_is_nothing_to_follow() {
     assert_eq!(noise.factor(), 1.0);
     // Less than one and a half times is none.
     noise.grow(0.1, 0, 0.0);
-    assert_eq!(noise.factor(), LEAST_FACTOR);
+    assert_eq!(noise.factor(), LEAST_NOISE_FACTOR);
 }

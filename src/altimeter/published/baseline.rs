@@ -2,11 +2,9 @@
 
 use super::error_model::ErrorModel;
 use super::ibig::{AltimeterMethod, AltimeterScheme, PublishedAltimeter};
+use super::tuning::LEAST_PROB;
 use crate::altimeter::Channel;
 use crate::altimeter::HeightVerdict;
-
-/// A weight below this is a rejection.
-const LEAST_PROB: f64 = 0.02;
 
 /// The published altimeter over a free-running inertial altitude, H = H_I − ΔH, (21).
 ///

@@ -4,16 +4,12 @@
 //! x = [ΔH_I, ΔW_z, Δa_z, Δg, B], in m, m/s, m/s², m/s², m, all positive up; a height is H = H_I − ΔH_I, (21). What they measure is
 //! z_IBI = H_I − H_B = ΔH_I − B + v and z_IIG = H_I − H_G = ΔH_I + v. Contreras and Hajiyev, (1)-(18).
 
+use super::tuning::{LONGEST_INTERVAL_S, MOST_STEPS};
 use nalgebra::{Matrix5, RowVector5, Vector5};
 
 /// Rows of the two measurements, (7) and (14).
 pub(super) const H_IBI: RowVector5<f64> = RowVector5::new(1.0, 0.0, 0.0, 0.0, -1.0);
 pub(super) const H_IIG: RowVector5<f64> = RowVector5::new(1.0, 0.0, 0.0, 0.0, 0.0);
-
-/// An interval beyond this is no interval between measurements, s: it is cut.
-const LONGEST_INTERVAL_S: f64 = 86_400.0;
-/// An interval is divided into no more steps than this, so that none costs more: its steps are longer then.
-const MOST_STEPS: f64 = 20_000.0;
 
 /// The parameters of (11)-(18).
 ///

@@ -7,14 +7,8 @@
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 use super::error_model::{ErrorModel, H_IBI, H_IIG};
+use super::tuning::{LARGEST_M, LOST_VARIANCE, NORMAL_SIGMAS};
 use crate::altimeter::probability::normal_operation;
-
-/// Bound on the normalised innovation in (32).
-const NORMAL_SIGMAS: f64 = 3.0;
-/// Altitude differences beyond this are no heights, m.
-const LARGEST_M: f64 = 1e9;
-/// Variance of an altitude of which nothing is known any more, m²: from here on time stands still, for (11) grows without bound.
-const LOST_VARIANCE: f64 = LARGEST_M * LARGEST_M;
 
 /// How a measurement is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,6 +10,7 @@ pub mod error_model;
 pub mod filter;
 pub mod ibig;
 pub mod selector;
+mod tuning;
 
 pub use baseline::BaselineAltimeter;
 pub use error_model::{ErrorModel, stationary_sigma};

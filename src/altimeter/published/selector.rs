@@ -1,17 +1,7 @@
 //! Whether a channel is faulty, from the innovations of its optimal filter: what the published recommendation needs and leaves open.
 
 use super::filter::{PublishedFilter, WeightedInnovation};
-
-/// Innovations that are looked at together.
-const WINDOW: usize = 20;
-/// Bound on Σν² of a full window: the χ² distribution with 20 degrees of freedom is beyond it once in 30 000 windows. An innovation of
-/// 7.5 σ, three of 4.4 σ, or noise of 1.7 times its standard deviation exceed it.
-const SQUARES: f64 = 56.0;
-/// Bound on |Σν|/√n: a normal number is beyond it once in 150 000. Finds a bias of 1 σ after 20 innovations.
-const SUM: f64 = 4.5;
-/// The same for a faulty channel to be healthy again: the longer the doubt about the prediction grows the more bias it lets pass, so this is
-/// as narrow as a channel that is healthy allows.
-const SUM_BACK: f64 = 2.5;
+use super::tuning::{SQUARES, SUM, SUM_BACK, WINDOW};
 
 /// A test over the last 20 normalised innovations of a channel, which are white and of variance 1 while it is healthy: it becomes faulty
 /// when their squares sum to more than 56 (excess noise, large bias) or their sum over √n exceeds 4.5 in size (small bias). Fewer than 20

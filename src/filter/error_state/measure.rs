@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
 
 use super::covariance::SparseRow;
+use super::tuning::MIN_AIRSPEED;
 use super::{AIRSPEED, BA, BG, BM, Correction, DRAG, Eskf, EskfState, FLOW, Gated, MICRO, P, THETA, V, WIND};
 use crate::camera::FlowCalibration;
 use crate::geo::so3::hat;
@@ -21,9 +22,6 @@ impl Lag {
     /// A measurement of the present.
     pub const NONE: Lag = Lag { seconds: 0.0, impulse_ned: Vector3::new(0.0, 0.0, 0.0) };
 }
-
-/// Slower than this through the air, neither airspeed nor sideslip say anything, m/s.
-const MIN_AIRSPEED: f64 = 3.0;
 
 impl Eskf {
     /// A position component (NED axis 0, 1 or 2): innovation against the state of its time, and its variance.

@@ -16,12 +16,14 @@ mod covariance;
 mod measure;
 #[cfg(test)]
 mod tests;
+mod tuning;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::geo::so3::{exp, nearest_rotation};
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 pub use measure::Lag;
+use tuning::{COVARIANCE_STEP_S, REORTHONORMALISE};
 
 /// Size of the error state.
 pub const STATES: usize = 29;
@@ -40,10 +42,6 @@ const DRAG: usize = 28;
 
 /// Micro-units in a unit.
 const MICRO: f64 = 1e6;
-/// Longest step of the covariance, s.
-const COVARIANCE_STEP_S: f64 = 0.02;
-/// Samples between two orthonormalisations.
-const REORTHONORMALISE: u32 = 100;
 
 /// Noise densities, walks, and what is known of constants before the flight. A constant whose standard deviation and walk are zero is
 /// no state at all.

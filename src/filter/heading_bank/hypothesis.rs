@@ -10,6 +10,7 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
 
+use super::tuning::LARGE_TURN;
 use super::{HeadingBankSettings, Waiting};
 use crate::geo::so3::{exp, hat, nearest_rotation};
 
@@ -20,9 +21,6 @@ const B: usize = 5;
 
 /// Covariance of a hypothesis' error state.
 type Covariance = SMatrix<f64, STATES, STATES>;
-
-/// Corrections of the attitude beyond this leave a linearisation error worth counting, rad.
-const LARGE_TURN: f64 = 0.05;
 
 /// What the error moves by, summed over the samples since the covariance was propagated last.
 #[derive(Clone, Copy, Debug)]
