@@ -9,7 +9,7 @@ use crate::altimeter::{
     OffsetModel,
 };
 use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
-use crate::filter::error_state::EskfSettings;
+use crate::filter::error_state::{AirModel, EskfSettings};
 use crate::geo::so3::Euler;
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
@@ -465,10 +465,12 @@ impl Raw {
                 magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,
                 magnetic_bias_walk: self.kalman.magnetic_bias_walk_ut * 1e-6,
                 gyro_scale_sigma: self.kalman.gyro_scale_sigma,
-                wind_sigma: self.kalman.wind_sigma_mps,
-                wind_walk: self.kalman.wind_walk,
-                airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
-                drag_sigma: self.drag.coefficient_sigma_per_s,
+                air: AirModel {
+                    wind_sigma: self.kalman.wind_sigma_mps,
+                    wind_walk: self.kalman.wind_walk,
+                    airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
+                    drag_sigma: self.drag.coefficient_sigma_per_s,
+                },
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
                 gate_sigma: self.kalman.gate_sigma,

@@ -222,10 +222,10 @@ impl LandmarkFilter {
         let (position_ned, r_body_to_ned, covariance) = refined.pose(&at, &self.map.centroid());
         let sigma =
             |from: usize| (from..from + 3).map(|i| covariance[(i, i)]).fold(0.0, f64::max).max(0.0).sqrt();
-        let [position, attitude] = self.settings.converged_sigma;
+        let [position, attitude] = self.settings.belief.converged_sigma;
         let converged = sigma(0) < position
             && sigma(3) < attitude
-            && now.rejected[1] < self.settings.lockout_part
+            && now.rejected[1] < self.settings.belief.lockout_part
             && now.geometry.observability() == Observability::Observable;
         let source = PoseSource::Refined;
         let pose = LandmarkPose { time, position_ned, r_body_to_ned, covariance, source, converged };

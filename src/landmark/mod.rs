@@ -27,5 +27,5 @@ pub use hinf::{
     ImplicitOutput, ImplicitSystem, UpdateRefusal, VisionInertial, VisionSample,
 };
 pub use motion::BodyMotion;
-pub use settings::{CameraMount, LandmarkMap, LandmarkSettings, MapError};
+pub use settings::{BeliefSettings, CameraMount, LandmarkMap, LandmarkSettings, MapError};
 pub use sighting::{LandmarkSighting, Seen, SightingVerdict};

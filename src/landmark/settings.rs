@@ -97,6 +97,21 @@ impl CameraMount {
     }
 }
 
+/// What the landmark filter believes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BeliefSettings {
+    /// The H∞ filter's gate on the squared ratio of a sighting's residual. Without one 3 % of wrong ids keep it from ever converging.
+    pub gate: f64,
+    /// The same of the refining filter.
+    pub refined_gate: f64,
+    /// The smoothed part of rejected sightings above which a filter is taken to be locked out.
+    pub lockout_part: f64,
+    /// What Y is multiplied with then.
+    pub lockout_factor: f64,
+    /// σ of the position (each axis, m) and of the attitude (each axis, rad) below which a pose is converged.
+    pub converged_sigma: [f64; 2],
+}
+
 /// Noise, memory and what is believed. The defaults are for a camera of a degree and a dead reckoning of a few cm/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LandmarkSettings {
@@ -108,20 +123,12 @@ pub struct LandmarkSettings {
     pub distance_clip_m: [f64; 2],
     /// σ of a measured distance: this part of it, but no less than 5 cm.
     pub distance_sigma_part: f64,
-    /// The H∞ filter's gate on the squared ratio of a sighting's residual. Without one 3 % of wrong ids keep it from ever converging.
-    pub gate: f64,
-    /// The same of the refining filter.
-    pub refined_gate: f64,
     /// σ of the direction of gravity as it is given, rad.
     pub gravity_sigma_rad: f64,
     /// A direction of gravity is taken this often, s.
     pub gravity_period_s: f64,
     /// Weight of the rows that keep N near SO(3), each time a direction of gravity is taken. A coplanar field and a hover need them.
     pub orthonormality_weight: f64,
-    /// The smoothed part of rejected sightings above which a filter is taken to be locked out.
-    pub lockout_part: f64,
-    /// What Y is multiplied with then.
-    pub lockout_factor: f64,
     /// Drift of the dead reckoning in position, m/√s.
     pub position_drift: f64,
     /// Drift of the dead reckoning in attitude, rad/√s.
@@ -134,8 +141,8 @@ pub struct LandmarkSettings {
     pub motions: usize,
     /// Sightings and directions of gravity that can still be put in order, at most.
     pub events: usize,
-    /// σ of the position (each axis, m) and of the attitude (each axis, rad) below which a pose is converged.
-    pub converged_sigma: [f64; 2],
+    /// What is believed.
+    pub belief: BeliefSettings,
 }
 
 impl LandmarkSettings {

@@ -102,7 +102,7 @@ impl Tracker {
         let how = Weighing {
             bearing_sigma_rad: settings.bearing_sigma_rad,
             distance_clip_m: settings.distance_clip_m,
-            gate: settings.gate,
+            gate: settings.belief.gate,
             weight: 1.0,
         };
         let monitor = self.hinf.sighting(seen, &how);
@@ -143,13 +143,13 @@ impl Tracker {
     /// Ways out of a lock-out: a filter that rejects most of what it is shown is wrong.
     fn unlock(&mut self, settings: &LandmarkSettings) {
         let [hinf, refined] = &mut self.rejected;
-        if *hinf > settings.lockout_part {
-            self.hinf.inflate(settings.lockout_factor);
-            *hinf = 0.5 * settings.lockout_part;
+        if *hinf > settings.belief.lockout_part {
+            self.hinf.inflate(settings.belief.lockout_factor);
+            *hinf = 0.5 * settings.belief.lockout_part;
             self.lockouts += 1;
             (self.shaped_by, self.acquired) = (0, None);
         }
-        if *refined > settings.lockout_part {
+        if *refined > settings.belief.lockout_part {
             (self.refined, *refined) = (None, 0.0);
             self.resets += 1;
         }
@@ -220,7 +220,7 @@ impl Replayed for Tracker {
                 used.map_or(SightingVerdict::Indefinite, |()| SightingVerdict::Used(0.0))
             }
             TrackerEvent::Break => {
-                self.hinf.inflate(settings.lockout_factor);
+                self.hinf.inflate(settings.belief.lockout_factor);
                 (self.refined, self.acquired, self.shaped_by) = (None, None, 0);
                 SightingVerdict::Used(0.0)
             }

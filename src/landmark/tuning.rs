@@ -1,6 +1,6 @@
 //! The landmark filter's tuning constants, with their reasons.
 
-use super::settings::LandmarkSettings;
+use super::settings::{BeliefSettings, LandmarkSettings};
 
 // What is no measurement.
 
@@ -35,7 +35,7 @@ pub(super) const MEMORY_S: f64 = 10.0;
 pub(super) const SHAPED: u32 = 40;
 /// Weight of a new verdict in the smoothed part of rejected sightings: the last twenty count.
 pub(super) const SMOOTHING: f64 = 0.05;
-/// Sightings below this part of rejections: the filter follows. Below [`LandmarkSettings::lockout_part`], so that a filter that is nearly locked
+/// Sightings below this part of rejections: the filter follows. Below [`BeliefSettings::lockout_part`], so that a filter that is nearly locked
 /// out starts no other.
 pub(super) const TRUSTED: f64 = 0.4;
 /// The H∞ filter has acquired when N's elements are known to this: 7°, within the reach of a linearisation.
@@ -57,20 +57,22 @@ impl Default for LandmarkSettings {
             bearing_sigma_rad: 0.015,
             distance_clip_m: [0.5, 12.0],
             distance_sigma_part: 0.1,
-            gate: 20.0,
-            refined_gate: 16.0,
             gravity_sigma_rad: 0.03,
             gravity_period_s: 0.2,
             orthonormality_weight: 400.0,
-            lockout_part: 0.6,
-            lockout_factor: 0.02,
             position_drift: 0.02,
             attitude_drift: 0.003,
             history_s: 1.0,
             gap_s: 0.25,
             motions: 1024,
             events: 256,
-            converged_sigma: [0.3, 0.06],
+            belief: BeliefSettings {
+                gate: 20.0,
+                refined_gate: 16.0,
+                lockout_part: 0.6,
+                lockout_factor: 0.02,
+                converged_sigma: [0.3, 0.06],
+            },
         }
     }
 }

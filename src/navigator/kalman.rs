@@ -4,7 +4,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
-use crate::filter::error_state::{Correction, Eskf, EskfSettings, EskfState, Lag, StartSigma};
+use crate::filter::error_state::{AirModel, Correction, Eskf, EskfSettings, EskfState, Lag, StartSigma};
 use crate::geo::so3;
 use crate::time::{AutopilotTime, Span};
 
@@ -80,10 +80,7 @@ impl Navigator {
                 magnetic_bias_sigma: 0.0,
                 magnetic_bias_walk: 0.0,
                 flow_scale_walk: 0.0,
-                wind_sigma: 0.0,
-                wind_walk: 0.0,
-                airspeed_scale_sigma: 0.0,
-                drag_sigma: 0.0,
+                air: AirModel::default(),
                 ..settings
             };
             for i in 2..4 {

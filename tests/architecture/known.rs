@@ -2,15 +2,13 @@
 //! test until the entry says so.
 
 /// Structures of the core with more than 15 fields.
-pub const FIELDS: &[(&str, usize)] =
-    &[("EskfSettings", 16), ("LandmarkSettings", 18), ("Navigator", 52), ("NavigatorSettings", 18)];
+pub const FIELDS: &[(&str, usize)] = &[("Navigator", 52), ("NavigatorSettings", 18)];
 
 /// Types of the core, by room, whose methods stand in more than 3 files.
 pub const IMPL_FILES: &[(&str, usize)] = &[("navigator::Navigator", 17)];
 
 /// Functions of more than 60 lines.
 pub const LINES: &[(&str, usize)] = &[
-    ("Altimeter::measure", 77),
     ("Navigator::fix", 79),
     ("Navigator::imu", 63),
     ("Navigator::measure_image", 61),
@@ -18,14 +16,12 @@ pub const LINES: &[(&str, usize)] = &[
     ("Navigator::observe", 73),
     ("Raw::navigator", 80),
     ("Raw::validate", 62),
-    ("explain", 73),
     ("print_report", 118),
     ("run", 81),
 ];
 
 /// Functions of more than 15 branches.
 pub const BRANCHES: &[(&str, usize)] = &[
-    ("Altimeter::measure", 27),
     ("Decoder::message", 28),
     ("FaultCase::faults", 23),
     ("Navigator::airspeed", 16),
@@ -36,7 +32,6 @@ pub const BRANCHES: &[(&str, usize)] = &[
     ("Summary::fmt", 19),
     ("Walk::value", 21),
     ("What::fmt", 26),
-    ("explain", 20),
     ("solve_velocity", 16),
     ("truth", 20),
 ];

@@ -123,7 +123,7 @@ impl ErrorTransition {
             (FLOW, 2, s.flow_bias_walk),
             (FLOW + 2, 2, s.flow_scale_walk),
             (BM, 3, magnetic),
-            (WIND, 2, s.wind_walk),
+            (WIND, 2, s.air.wind_walk),
         ] {
             for i in at..at + n {
                 p[(i, i)] += density * density * self.dt;

@@ -69,6 +69,15 @@ pub struct EskfSettings {
     pub flow_bias_walk: f64,
     /// Random walk of the flow's scale and misalignment, 1/√s.
     pub flow_scale_walk: f64,
+    /// Wind, airspeed and drag.
+    pub air: AirModel,
+    /// Innovations beyond this many sigmas are rejected.
+    pub gate_sigma: f64,
+}
+
+/// What is known before the flight of the air and of how the vehicle feels it. All zero: none of it is a state.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AirModel {
     /// Standard deviation of the wind before it was seen, m/s per axis.
     pub wind_sigma: f64,
     /// Random walk of the wind, m/s/√s.
@@ -77,8 +86,6 @@ pub struct EskfSettings {
     pub airspeed_scale_sigma: f64,
     /// Standard deviation of the rotors' drag before it was seen, 1/s.
     pub drag_sigma: f64,
-    /// Innovations beyond this many sigmas are rejected.
-    pub gate_sigma: f64,
 }
 
 /// The nominal state.
@@ -191,7 +198,7 @@ impl Eskf {
     pub fn new(settings: EskfSettings, state: EskfState, sigma: &StartSigma) -> Self {
         let mut p = Covariance::zeros();
         let s = &settings;
-        let wind = Vector3::new(s.wind_sigma, s.wind_sigma, s.airspeed_scale_sigma);
+        let wind = Vector3::new(s.air.wind_sigma, s.air.wind_sigma, s.air.airspeed_scale_sigma);
         for (block, s) in [
             (THETA, sigma.attitude_body),
             (P, sigma.position_ned),
@@ -207,7 +214,7 @@ impl Eskf {
             }
         }
         p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
-        p[(DRAG, DRAG)] = settings.drag_sigma.powi(2);
+        p[(DRAG, DRAG)] = settings.air.drag_sigma.powi(2);
         Self { settings, state, p, pending: ErrorTransition::new(state.r_body_to_ned), steps: 0, sound: true }
     }
 

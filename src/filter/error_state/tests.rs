@@ -19,10 +19,7 @@ fn silent() -> EskfSettings {
         magnetic_bias_sigma: 0.0,
         flow_bias_walk: 0.0,
         flow_scale_walk: 0.0,
-        wind_sigma: 0.0,
-        wind_walk: 0.0,
-        airspeed_scale_sigma: 0.0,
-        drag_sigma: 0.0,
+        air: AirModel::default(),
         gate_sigma: 5.0,
     }
 }
@@ -182,10 +179,7 @@ fn the_covariance_stays_symmetric_and_positive() {
         gyro_bias_walk: 1e-5,
         gyro_scale_sigma: 0.01,
         magnetic_bias_sigma: 2e-6,
-        wind_sigma: 5.0,
-        wind_walk: 0.1,
-        airspeed_scale_sigma: 0.1,
-        drag_sigma: 0.2,
+        air: AirModel { wind_sigma: 5.0, wind_walk: 0.1, airspeed_scale_sigma: 0.1, drag_sigma: 0.2 },
         ..silent()
     };
     let sigma = certain([0.1, 3.0, 0.5, 0.01, 0.1], Matrix4::identity() * 0.01);
@@ -240,7 +234,11 @@ fn an_outlier_is_gated_and_changes_nothing() {
 
 #[test]
 fn wind_and_airspeed_scale_are_found_in_turns() {
-    let settings = EskfSettings { wind_sigma: 8.0, airspeed_scale_sigma: 0.1, accel_noise: 0.01, ..silent() };
+    let settings = EskfSettings {
+        air: AirModel { wind_sigma: 8.0, airspeed_scale_sigma: 0.1, ..AirModel::default() },
+        accel_noise: 0.01,
+        ..silent()
+    };
     let start = EskfState::moving(
         Matrix3::identity(),
         Vector3::zeros(),
