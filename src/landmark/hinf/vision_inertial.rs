@@ -36,8 +36,6 @@ pub struct VisionInertial {
     with_inertial: bool,
     /// Diagonal of GGᵀ for the four blocks.
     disturbance: [f64; 4],
-    /// Variances of y1, y2 and the camera; 1 in the paper.
-    variances: [f64; 3],
 }
 
 /// What the example measures.
@@ -59,6 +57,9 @@ pub enum VisionSample {
     },
 }
 
+/// Variance of every output: 1 in the paper.
+const VARIANCE: f64 = 1.0;
+
 /// First rows of the blocks when all are there.
 const POSITION_I: usize = 0;
 const ROTATION_I: usize = 3;
@@ -68,26 +69,13 @@ const ROTATION: usize = 15;
 impl VisionInertial {
     /// All 24 states. `disturbance` has the diagonal of GGᵀ on RᵀᵛP_I, vec(ᵛ_IRᵀ), ᴮQ1 and vec(Rᵀ). `None` without landmarks.
     pub fn new(camera: CameraModel, landmarks: Vec<Vector3<f64>>, disturbance: [f64; 4]) -> Option<Self> {
-        let variances = [1.0; 3];
-        (!landmarks.is_empty()).then_some(Self {
-            camera,
-            landmarks,
-            with_inertial: true,
-            disturbance,
-            variances,
-        })
+        (!landmarks.is_empty()).then_some(Self { camera, landmarks, with_inertial: true, disturbance })
     }
 
     /// The last twelve states only: for a camera without the inertial system's pose.
     #[must_use]
     pub fn camera_only(self) -> Self {
         Self { with_inertial: false, ..self }
-    }
-
-    /// With other variances of y1, y2 and the camera than 1.
-    #[must_use]
-    pub fn with_variances(self, variances: [f64; 3]) -> Self {
-        Self { variances, ..self }
     }
 
     /// The states at a pose: of the body in the landmark frame, and of I in it (ignored by the camera-only form).
@@ -167,9 +155,9 @@ impl VisionInertial {
             y2.fixed_view_mut::<3, 3>(3 * i, ROTATION + 3 * i).copy_from(&-eye);
         }
         let constant = DVector::from_column_slice((r_t * position).as_slice());
-        outputs.push(ImplicitOutput { gradient: y1, constant, free: None, variance: self.variances[0] });
+        outputs.push(ImplicitOutput { gradient: y1, constant, free: None, variance: VARIANCE });
         let constant = DVector::zeros(9);
-        outputs.push(ImplicitOutput { gradient: y2, constant, free: None, variance: self.variances[1] });
+        outputs.push(ImplicitOutput { gradient: y2, constant, free: None, variance: VARIANCE });
     }
 
     fn point_output(&self, landmark: usize, image: &Vector3<f64>, outputs: &mut Vec<ImplicitOutput>) {
@@ -187,7 +175,7 @@ impl VisionInertial {
             gradient,
             constant: DVector::from_column_slice(offset.as_slice()),
             free: Some(DMatrix::from_column_slice(3, 1, image.as_slice())),
-            variance: self.variances[2],
+            variance: VARIANCE,
         });
     }
 }
