@@ -12,7 +12,7 @@ pub use calibration::{CalibrationSettings, Distrust, FlowCalibration};
 pub use features::{Feature, View, ground_point, interaction_matrix};
 pub use patch_table::{MAX_PATCHES, PatchCentre, PatchTable};
 pub use refusal::FlowRefusal;
-pub use single_patch::{CameraMount, FlowPatch, FlowVelocity, PatchLimits, PatchNoise};
+pub use single_patch::{FlowPatch, FlowVelocity, PatchLimits, PatchNoise};
 pub use stacked::{
     KnownComponent, Method, SixSolution, SolveLimits, SolveNoise, VelocitySolution, solve_six, solve_velocity,
 };

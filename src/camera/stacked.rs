@@ -13,7 +13,7 @@ use nalgebra::{Matrix2x3, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 use super::features::{Feature, View, ground_point, interaction_matrix};
 use super::refusal::FlowRefusal;
 use super::robust::{self, Huber, Prior, Ransac, Row};
-use super::single_patch::CameraMount;
+use crate::geo::CameraMount;
 
 /// How outliers are treated; thresholds are lengths of a feature's residual over [`SolveNoise::flow`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,10 +149,10 @@ impl VelocitySolution {
         mount: &CameraMount,
         rate_body: &Vector3<f64>,
     ) -> (Vector3<f64>, Matrix3<f64>) {
-        let r = &mount.r_body_to_camera;
+        let r = mount.camera_to_body.matrix();
         (
-            r.tr_mul(&self.velocity_camera) - rate_body.cross(&mount.lever_arm_body),
-            r.tr_mul(&self.covariance) * r,
+            r * self.velocity_camera - rate_body.cross(&mount.lever_arm.raw()),
+            r * self.covariance * r.transpose(),
         )
     }
 }

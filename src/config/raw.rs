@@ -8,9 +8,9 @@ use crate::altimeter::{
     AltimeterKind, AltimeterMethod, AltimeterSettings, ChannelSettings, DetectionSettings, InertialModel,
     OffsetModel,
 };
-use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
+use crate::camera::{CalibrationSettings, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
 use crate::filter::error_state::{AirModel, EskfSettings};
-use crate::geo::so3::Euler;
+use crate::geo::{Body, CameraMount, Euler};
 use crate::navigator::air::AirSettings;
 use crate::navigator::budget::BudgetSettings;
 use crate::navigator::drag::DragSettings;
@@ -548,11 +548,10 @@ impl Raw {
                 min_integration_s: 1e-3,
                 max_integration_s: 0.5,
             },
-            mount: CameraMount {
-                // The angles turn the body axes into the camera's; the matrix maps vectors the other way.
-                r_body_to_camera: mounting.to_rotation().transpose(),
-                lever_arm_body: Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m),
-            },
+            mount: CameraMount::turned(
+                mounting,
+                Body::new(Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m)),
+            ),
             patches,
             calibration: CalibrationSettings {
                 bias_sigma_mps: f.bias_sigma_mps,

@@ -10,7 +10,7 @@ const SOMIGLIANA_K: f64 = 0.001_931_852_652_41;
 /// m = ω²a²b/GM (NIMA TR8350.2, table 3.4).
 const M: f64 = 0.003_449_786_506_84;
 
-/// Magnitude of normal gravity, m/s², at a geodetic latitude and a height above the ellipsoid.
+/// Magnitude of normal gravity, m/s², at a geodetic latitude and a height (see [`Geodetic`](super::Geodetic) for which).
 ///
 /// Somigliana's closed formula γ = γ_e (1 + k sin²φ)/√(1 − e² sin²φ) with the second-order height correction
 /// γ_h = γ [1 − (2/a)(1 + f + m − 2f sin²φ) h + (3/a²) h²] (NIMA TR8350.2, eq. (4-1) and (4-3)). Good to 10⁻⁶ m/s² of the

@@ -13,7 +13,7 @@ use world_magnetic_model::uom::si::magnetic_flux_density::nanotesla;
 
 /// First and last year (inclusive) the built-in coefficients cover: WMM2020 and WMM2025.
 const YEARS: (i32, i32) = (2020, 2029);
-/// Heights of validity, m above the ellipsoid.
+/// Heights of validity, m.
 const HEIGHTS_M: (f64, f64) = (-1000.0, 850_000.0);
 
 /// The reference field at a place and time.
@@ -46,28 +46,11 @@ pub enum MagneticError {
     Undefined,
 }
 
-impl MagneticField {
-    /// Declination, rad: the angle of magnetic north east of true north.
-    pub fn declination_rad(&self) -> f64 {
-        self.field_ned_t.y.atan2(self.field_ned_t.x)
-    }
-
-    /// Inclination, rad: the angle of the field below the horizontal.
-    pub fn inclination_rad(&self) -> f64 {
-        self.field_ned_t.z.atan2(self.field_ned_t.xy().norm())
-    }
-
-    /// Horizontal intensity, T. Below 6 µT a compass needs caution, below 2 µT it is useless (WMM "caution" and "blackout" zones).
-    pub fn horizontal_t(&self) -> f64 {
-        self.field_ned_t.xy().norm()
-    }
-}
-
 /// The reference field at `position` and `decimal_year` (2026.5 is the middle of 2026), from spherical harmonics of degree 12
 /// (NOAA/BGS, World Magnetic Model technical report). Accurate to about 0.15 µT and, away from the magnetic poles, 0.4° of
 /// declination (the crust's field is not in it). In single precision; evaluate it once in a while, not per sample.
 ///
-/// A date outside 2020 … 2029 is moved to the nearest covered day and flagged. Heights follow WGS-84.
+/// A date outside 2020 … 2029 is moved to the nearest covered day and flagged.
 ///
 /// # Errors
 /// [`MagneticError`] for arguments that are not finite or out of range. It never panics.
@@ -151,13 +134,21 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn declination_deg(m: &MagneticField) -> f64 {
+        m.field_ned_t.y.atan2(m.field_ned_t.x).to_degrees()
+    }
+
+    fn inclination_deg(m: &MagneticField) -> f64 {
+        m.field_ned_t.z.atan2(m.field_ned_t.xy().norm()).to_degrees()
+    }
+
     #[test]
     fn the_field_matches_the_published_model() {
         // WMM2020 at 3000 ft, 80° N, 2.36 rad E on 2023-01-15: F = 58769.0 nT, D = −19.998°.
         let p = Geodetic { latitude_rad: 80f64.to_radians(), longitude_rad: 2.36, height_m: 914.4 };
         let m = magnetic_field(&p, 2023.0 + 14.5 / 365.0).unwrap();
         assert!((m.field_ned_t.norm() - 58_769.0e-9).abs() < 2e-9);
-        assert!((m.declination_rad().to_degrees() + 19.998).abs() < 0.01);
+        assert!((declination_deg(&m) + 19.998).abs() < 0.01);
         assert!(!m.date_clamped);
     }
 
@@ -165,11 +156,11 @@ mod tests {
     fn the_field_is_where_maps_put_it() {
         // Canberra: some 12° east, dips upwards; Trondheim: some 5° east, dips down steeply.
         let canberra = magnetic_field(&Geodetic::from_degrees(-35.36, 149.17, 580.0), 2025.5).unwrap();
-        assert!((11.0..14.0).contains(&canberra.declination_rad().to_degrees()));
-        assert!((-68.0..-63.0).contains(&canberra.inclination_rad().to_degrees()));
+        assert!((11.0..14.0).contains(&declination_deg(&canberra)));
+        assert!((-68.0..-63.0).contains(&inclination_deg(&canberra)));
         let trondheim = magnetic_field(&Geodetic::from_degrees(63.43, 10.39, 50.0), 2025.5).unwrap();
-        assert!((3.0..7.0).contains(&trondheim.declination_rad().to_degrees()));
-        assert!((73.0..76.0).contains(&trondheim.inclination_rad().to_degrees()));
+        assert!((3.0..7.0).contains(&declination_deg(&trondheim)));
+        assert!((73.0..76.0).contains(&inclination_deg(&trondheim)));
     }
 
     #[test]

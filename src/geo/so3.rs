@@ -73,45 +73,6 @@ pub fn log(r: &Matrix3<f64>) -> Vector3<f64> {
     v * (2.0 * n.atan2(q.x) / n)
 }
 
-/// The rotation nearest to `m` in the Frobenius norm: the orthogonal polar factor, by Newton's iteration
-/// X ← (X + X⁻ᵀ)/2 (Higham, *SIAM J. Sci. Stat. Comput.* 7, 1986), quadratically convergent from any non-singular start.
-///
-/// The observers let their attitude matrix leave SO(3); this brings it back before angles are read off. `None` when `m` is not
-/// finite, is singular or nearly so, or has a negative determinant: then no rotation is meaningfully nearest.
-pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-    let scale = m.norm();
-    if !scale.is_finite() || scale < 1e-9 {
-        return None;
-    }
-    let mut x = m * (3f64.sqrt() / scale);
-    // 1 for a rotation at this scale; the smallest singular value is of this order, too.
-    if x.determinant() < 1e-6 {
-        return None;
-    }
-    for _ in 0..40 {
-        let cof = cofactors(&x);
-        // m · cof(m) of the first row is the determinant.
-        let det = x.m11 * cof.m11 + x.m12 * cof.m12 + x.m13 * cof.m13;
-        if !det.is_finite() || det < 1e-9 {
-            return None;
-        }
-        let next = 0.5 * (x + cof / det);
-        let change = (next - x).norm();
-        x = next;
-        if change < 1e-9 {
-            // The error is of the order of the square of the last change.
-            return Some(x);
-        }
-    }
-    None
-}
-
-/// Matrix of cofactors: `det(m) m⁻ᵀ`.
-fn cofactors(m: &Matrix3<f64>) -> Matrix3<f64> {
-    let (a, b, c) = (m.column(0), m.column(1), m.column(2));
-    Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
-}
-
 impl Euler {
     /// Angles from roll, pitch and yaw in radians.
     pub const fn new(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> Self {
@@ -249,25 +210,10 @@ mod tests {
         }
 
         #[test]
-        fn the_nearest_rotation_is_the_polar_factor(phi in vector(3.0), d in vector(0.5), o in vector(0.5)) {
-            // m = r p with p symmetric positive definite: then r is the polar factor of m.
-            let p = Matrix3::new(1.7 + d.x, 0.5 * o.x, 0.5 * o.y, 0.5 * o.x, 1.7 + d.y, 0.5 * o.z, 0.5 * o.y, 0.5 * o.z, 1.7 + d.z);
-            let r = exp(&phi);
-            prop_assert!((nearest_rotation(&(r * p)).unwrap() - r).norm() < 1e-12);
-        }
-
-        #[test]
         fn wrapped_angles_are_the_same_angle(a in -100.0..100.0f64) {
             let w = wrap_pi(a);
             prop_assert!(w > -PI && w <= PI);
             prop_assert!((w.sin() - a.sin()).abs() < 1e-12 && (w.cos() - a.cos()).abs() < 1e-12);
-        }
-
-        #[test]
-        fn no_matrix_makes_the_nearest_rotation_misbehave(m in proptest::array::uniform9(proptest::num::f64::ANY)) {
-            if let Some(r) = nearest_rotation(&Matrix3::from_row_slice(&m)) {
-                prop_assert!((r.transpose() * r - Matrix3::identity()).norm() < 1e-9);
-            }
         }
     }
 
@@ -297,15 +243,5 @@ mod tests {
             let r = Euler::new(0.4, pitch, 1.1).to_rotation();
             assert!((Euler::from_rotation(&r).to_rotation() - r).norm() < 1e-9);
         }
-    }
-
-    #[test]
-    fn reflections_singular_and_non_finite_matrices_have_no_nearest_rotation() {
-        assert!(nearest_rotation(&Matrix3::zeros()).is_none());
-        assert!(nearest_rotation(&Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0))).is_none());
-        assert!(nearest_rotation(&Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0))).is_none());
-        assert!(nearest_rotation(&Matrix3::from_element(f64::NAN)).is_none());
-        assert!(from_quaternion(&Vector4::zeros()).is_none());
-        assert!(from_quaternion(&Vector4::new(f64::NAN, 0.0, 0.0, 1.0)).is_none());
     }
 }

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::motion::BodyMotion;
 use super::tuning::{FASTEST, RENEWAL};
-use crate::geo::so3;
+use crate::geo::polar_rotation;
 use crate::time::{AutopilotTime, Span};
 
 /// Pose of the body in D.
@@ -87,7 +87,7 @@ impl DeadReckoning {
         let mut pose = moved(&last.pose, motion, dt.seconds());
         self.steps += 1;
         if self.steps.is_multiple_of(RENEWAL) {
-            pose.r_body_to_d = so3::nearest_rotation(&pose.r_body_to_d).unwrap_or(pose.r_body_to_d);
+            pose.r_body_to_d = polar_rotation(&pose.r_body_to_d).unwrap_or(pose.r_body_to_d);
         }
         self.points.push_back(Point { time, pose, onward: BodyMotion::REST });
         // The point before the oldest time asked for stays: what is between them is interpolated.

@@ -15,7 +15,7 @@ use super::information::{Information, SeenInD};
 use super::motion::BodyMotion;
 use super::ordered::{NotTaken, Ordered, Place};
 use super::refined::{Refined, Rigid};
-use super::settings::{CameraMount, LandmarkMap, LandmarkSettings};
+use super::settings::{LandmarkCamera, LandmarkMap, LandmarkSettings};
 use super::sighting::{LandmarkSighting, SightingVerdict, in_d};
 use super::tracker::{Tracker, TrackerEvent};
 use crate::time::{AutopilotTime, Span};
@@ -87,7 +87,7 @@ pub struct LandmarkHealth {
 pub struct LandmarkFilter {
     settings: LandmarkSettings,
     map: LandmarkMap,
-    cameras: Vec<CameraMount>,
+    cameras: Vec<LandmarkCamera>,
     reckoning: DeadReckoning,
     ordered: Ordered<Tracker>,
     gravity_at: AutopilotTime,
@@ -112,7 +112,7 @@ impl LandmarkFilter {
     pub fn new(
         settings: LandmarkSettings,
         map: LandmarkMap,
-        cameras: Vec<CameraMount>,
+        cameras: Vec<LandmarkCamera>,
         time: AutopilotTime,
         guess: &PoseGuess,
     ) -> Self {
@@ -174,7 +174,7 @@ impl LandmarkFilter {
     /// Takes a sighting, however late within the history.
     pub fn sighting(&mut self, sighting: &LandmarkSighting) -> SightingVerdict {
         let Some(landmark) = self.map.get(sighting.id) else { return SightingVerdict::UnknownId };
-        let Some(mount) = self.cameras.get(usize::from(sighting.camera)) else {
+        let Some(camera) = self.cameras.get(usize::from(sighting.camera)) else {
             return SightingVerdict::UnknownCamera;
         };
         let then = match self.reckoning.at(sighting.time) {
@@ -183,7 +183,7 @@ impl LandmarkFilter {
             Err(NotRemembered::Past(by)) => return SightingVerdict::TooOld(by),
         };
         let offset = landmark - self.map.centroid();
-        let seen = match in_d(&sighting.seen, &offset, mount, &then, &self.settings) {
+        let seen = match in_d(&sighting.seen, &offset, camera, &then, &self.settings) {
             Ok(seen) => seen,
             Err(verdict) => return verdict,
         };

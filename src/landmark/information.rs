@@ -14,7 +14,7 @@
 use nalgebra::{Cholesky, Const, Matrix3, SMatrix, SVector, Vector3, Vector4};
 
 use super::dead_reckoning::DeadReckoned;
-use super::pose::kabsch_rotation;
+use crate::geo::kabsch_rotation;
 
 /// Unknowns.
 pub const N: usize = 12;

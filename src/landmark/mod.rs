@@ -12,7 +12,6 @@ pub mod hinf;
 pub mod information;
 pub mod motion;
 pub mod ordered;
-pub mod pose;
 pub mod refined;
 mod settings;
 mod sighting;
@@ -27,5 +26,5 @@ pub use hinf::{
     ImplicitOutput, ImplicitSystem, UpdateRefusal, VisionInertial, VisionSample,
 };
 pub use motion::BodyMotion;
-pub use settings::{BeliefSettings, CameraMount, LandmarkMap, LandmarkSettings, MapError};
+pub use settings::{BeliefSettings, LandmarkCamera, LandmarkMap, LandmarkSettings, MapError};
 pub use sighting::{LandmarkSighting, Seen, SightingVerdict};

@@ -1,7 +1,9 @@
 //! What a landmark filter is configured with: the landmarks, the cameras, the noise, and what it may believe.
 
 use super::tuning::FARTHEST_MAPPED_M;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
+
+use crate::geo::{Body, Camera, CameraMount};
 
 /// Landmarks with known coordinates, by id, in one frame: NED at the origin, or a local frame whose z axis points down.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,28 +74,32 @@ impl LandmarkMap {
     }
 }
 
-/// How a camera is mounted. Camera axes: x to the right of the image, y down, z along the optical axis.
+/// A camera that sees landmarks.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CameraMount {
-    /// From camera to body axes.
-    pub r_camera_to_body: Matrix3<f64>,
-    /// Where it is in the body, FRD, m.
-    pub lever_body: Vector3<f64>,
-    /// Half of the field of view along the image's x and y, rad. A sighting outside is none.
+pub struct LandmarkCamera {
+    /// Where and how it sits.
+    pub mount: CameraMount,
+    /// Half of the field of view along the image's right and down, rad. A sighting outside is none.
     pub half_field_of_view_rad: [f64; 2],
 }
 
-impl CameraMount {
-    /// Looking down, the top of the image forward: the image's x is the body's y, its y points backwards.
+impl LandmarkCamera {
+    /// Looking down from the body's origin, the top of the image forward.
     pub fn downward(half_field_of_view_rad: [f64; 2]) -> Self {
-        let r_camera_to_body = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        Self { r_camera_to_body, lever_body: Vector3::zeros(), half_field_of_view_rad }
+        Self { mount: CameraMount::downward(), half_field_of_view_rad }
     }
 
-    /// Whether a direction, camera axes, is in the field of view.
-    pub fn sees(&self, direction: &Vector3<f64>) -> bool {
+    /// Where a landmark is that is seen under these angles from the optical axis to the image's right and down, rad: along the ray
+    /// (tan right, tan down, 1).
+    pub fn towards(&self, [right, down]: [f64; 2]) -> Body<Vector3<f64>> {
+        self.mount.camera_to_body.to_body(Camera::ray(right.tan(), down.tan()))
+    }
+
+    /// Whether a direction from the camera is in the field of view.
+    pub fn sees(&self, direction: Body<Vector3<f64>>) -> bool {
+        let [right, down, along] = self.mount.camera_to_body.to_camera(direction).right_down_along();
         let [x, y] = self.half_field_of_view_rad;
-        direction.x.abs().atan2(direction.z) <= x && direction.y.abs().atan2(direction.z) <= y
+        right.abs().atan2(along) <= x && down.abs().atan2(along) <= y
     }
 }
 

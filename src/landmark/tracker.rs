@@ -5,13 +5,13 @@ use nalgebra::{Matrix3, Vector3};
 use super::geometry::Geometry;
 use super::information::{Information, Judged, SeenInD, Weighing};
 use super::ordered::Replayed;
-use super::pose::kabsch_rotation;
 use super::refined::{Refined, Rigid};
 use super::settings::LandmarkSettings;
 use super::sighting::SightingVerdict;
 use super::tuning::{
     ACQUIRED_POSITION, ACQUIRED_ROTATION, ACQUIRED_SCALE, APART, APART_S, SHAPED, SMOOTHING, TRUSTED,
 };
+use crate::geo::kabsch_rotation;
 use crate::time::AutopilotTime;
 
 /// What happens to a [`Tracker`].

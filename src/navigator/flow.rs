@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::camera::{Distrust, FlowCalibration, FlowPatch, FlowRefusal, PatchNoise, single_patch};
+use crate::geo::Body;
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::{FlowRotation, FlowSample};
@@ -207,7 +208,7 @@ impl Navigator {
         let ranged = distance_m.is_some();
         // A message that gives a rate is a flow over any interval.
         let dt = if s.interval > Span::ZERO { s.interval.seconds() } else { RATE_INTERVAL_S };
-        let rate_camera = mount.r_body_to_camera * rate_body;
+        let rate_camera = mount.camera_to_body.to_camera(Body::new(rate_body)).raw();
         let rotation = match s.rotation {
             FlowRotation::SensorGyro([x, y]) => Vector2::new(x, y),
             FlowRotation::Contained => rate_camera.xy(),

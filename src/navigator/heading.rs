@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::filter::{HeadingBank, HeadingBankSettings, HeadingEstimate};
-use crate::geo::so3;
+use crate::geo::{polar_rotation, so3};
 use crate::sample::ImuSample;
 use crate::time::AutopilotTime;
 
@@ -129,5 +129,5 @@ fn tilted_as(r: &Matrix3<f64>, other: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let axis = down.cross(&Vector3::z());
     let angle = axis.norm().atan2(down.z);
     let turn = axis.try_normalize(1e-9).map_or(Matrix3::identity(), |axis| so3::exp(&(axis * angle)));
-    so3::nearest_rotation(&(turn * r))
+    polar_rotation(&(turn * r))
 }

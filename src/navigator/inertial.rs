@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::geo::so3;
+use crate::geo::polar_rotation;
 use crate::observer::triad::normalised_triad;
 use crate::observer::{
     Aiding, AttitudeReference, FusiniBiases, FusiniInput, FusiniParams, GripInput, MagneticPair,
@@ -361,7 +361,7 @@ fn rotation(
     n2: &Vector3<f64>,
 ) -> Option<Matrix3<f64>> {
     let r = normalised_triad(n1, n2)? * normalised_triad(b1, b2)?.transpose();
-    so3::nearest_rotation(&r)
+    polar_rotation(&r)
 }
 
 fn saturated(v: &Vector3<f64>, full: f64) -> bool {

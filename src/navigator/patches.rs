@@ -10,6 +10,7 @@ use crate::camera::features::rotational_flow;
 use crate::camera::{
     Feature, FlowRefusal, KnownComponent, Method, SolveLimits, SolveNoise, View, solve_velocity,
 };
+use crate::geo::Body;
 use crate::sample::{FlowRotation, FlowSample, SampleKind};
 use crate::time::{AutopilotTime, Span};
 
@@ -132,7 +133,7 @@ impl Navigator {
         let with_distance = samples.iter().find(|s| s.distance_m.is_some()).unwrap_or(first);
         let (distance_m, height_m) = self.distance(with_distance, cosine);
         let height_m = distance_m.map(|d| d * cosine).or(height_m).ok_or(Reason::NoDistance)?;
-        let rate_camera = mount.r_body_to_camera * moment.rate_body;
+        let rate_camera = mount.camera_to_body.to_camera(Body::new(moment.rate_body)).raw();
         let view = View::mounted(1.0, mount, &r, height_m);
         let features: Vec<Feature> = samples
             .iter()
@@ -163,7 +164,7 @@ impl Navigator {
         let (solved, observed) = match solve(None) {
             Ok(solved) => (solved, true),
             Err(FlowRefusal::Rank(_) | FlowRefusal::Condition(_)) => {
-                let lever = moment.rate_body.cross(&mount.lever_arm_body);
+                let lever = moment.rate_body.cross(&mount.lever_arm.raw());
                 let known = KnownComponent {
                     direction_camera: view.down_camera,
                     speed_mps: (r.row(2) * lever)[0] - self.height.climb_mps(),

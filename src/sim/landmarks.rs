@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::noise::{Dice, Stream};
 use super::trajectory::{Trajectory, Truth};
 use crate::geo::so3::{exp, left_jacobian, log};
+use crate::geo::{Body, CameraMount};
 
 /// Markers with their ids, NED, m.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,12 +38,10 @@ impl MarkerField {
 
 /// A camera that knows markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LandmarkCamera {
-    /// From camera (x right, y down, z along the axis) to body axes.
-    pub r_camera_to_body: Matrix3<f64>,
-    /// Where it is in the body, m.
-    pub lever_body: Vector3<f64>,
-    /// Half of the field of view along x and y, rad.
+pub struct MarkerCamera {
+    /// Where and how it sits.
+    pub mount: CameraMount,
+    /// Half of the field of view along the image's right and down, rad.
     pub half_field_of_view_rad: [f64; 2],
     /// Pictures every so many steps of the flight.
     pub every: usize,
@@ -58,12 +57,14 @@ pub struct LandmarkCamera {
     pub wrong_ids: f64,
 }
 
-impl LandmarkCamera {
+impl MarkerCamera {
     /// Looks down with a wide lens, 10 pictures a second at 50 steps a second, 0.015 rad.
     pub fn downward() -> Self {
         Self {
-            r_camera_to_body: Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0),
-            lever_body: Vector3::new(0.1, 0.0, 0.05),
+            mount: CameraMount {
+                lever_arm: Body::new(Vector3::new(0.1, 0.0, 0.05)),
+                ..CameraMount::downward()
+            },
             half_field_of_view_rad: [1.1, 1.1],
             every: 5,
             bearing_sigma_rad: 0.015,
@@ -136,7 +137,7 @@ pub struct SeenLandmark {
     pub id: u8,
     /// Whether that is true.
     pub is_right: bool,
-    /// Angles from the optical axis along x and y, rad.
+    /// Angles from the optical axis to the image's right and down, rad.
     pub angle_xy: [f64; 2],
 }
 
@@ -156,7 +157,7 @@ impl LandmarkFlight {
     pub fn fly(
         trajectory: &(impl Trajectory + ?Sized),
         field: &MarkerField,
-        camera: &LandmarkCamera,
+        camera: &MarkerCamera,
         noise: &MotionNoise,
         [step_s, duration_s]: [f64; 2],
         seed: u64,
@@ -200,14 +201,16 @@ fn held(from: &Truth, to: &Truth, step_s: f64) -> (Vector3<f64>, Vector3<f64>) {
 pub(super) fn picture(
     truth: &Truth,
     field: &MarkerField,
-    camera: &LandmarkCamera,
+    camera: &MarkerCamera,
     dice: &mut Dice,
     seen: &mut Vec<SeenLandmark>,
 ) {
     let heard_s = truth.t_s + camera.delay_s + camera.jitter_s * dice.between(0.0, 1.0);
     for (id, marker) in &field.markers {
-        let in_body = truth.r_body_to_ned.tr_mul(&(marker - truth.position_ned)) - camera.lever_body;
-        let direction = camera.r_camera_to_body.tr_mul(&in_body).normalize();
+        let in_body =
+            Body::new(truth.r_body_to_ned.tr_mul(&(marker - truth.position_ned))) - camera.mount.lever_arm;
+        let in_image = camera.mount.camera_to_body.to_camera(in_body).right_down_along();
+        let direction = Vector3::from(in_image).normalize();
         let noisy = (direction + camera.bearing_sigma_rad * dice.normals()).normalize();
         let (lost, wrong, other) =
             (dice.chance(camera.dropout), dice.chance(camera.wrong_ids), dice.between(0.0, 1.0));
@@ -247,14 +250,14 @@ mod tests {
     use super::*;
     use crate::sim::Wander;
 
-    fn flight(camera: &LandmarkCamera, noise: &MotionNoise) -> LandmarkFlight {
+    fn flight(camera: &MarkerCamera, noise: &MotionNoise) -> LandmarkFlight {
         let field = MarkerField::scattered(5, 10, 4.0, 1.3);
         LandmarkFlight::fly(&Wander::over_field(0.2), &field, camera, noise, [0.02, 40.0], 3)
     }
 
     #[test]
     fn held_motions_lead_from_pose_to_pose() {
-        let f = flight(&LandmarkCamera::downward(), &MotionNoise::NONE);
+        let f = flight(&MarkerCamera::downward(), &MotionNoise::NONE);
         let (mut p, mut r) = (f.start.position_ned, f.start.r_body_to_ned);
         for s in &f.steps {
             let turn = s.angular_rate_body * 0.02;
@@ -266,14 +269,14 @@ mod tests {
 
     #[test]
     fn loss_mistakes_and_delays_are_as_often_and_long_as_told() {
-        let all = flight(&LandmarkCamera::downward(), &MotionNoise::NONE).seen;
+        let all = flight(&MarkerCamera::downward(), &MotionNoise::NONE).seen;
         assert!(all.len() > 2000 && all.iter().all(|s| s.is_right && s.heard_s == s.taken_s));
-        let camera = LandmarkCamera {
+        let camera = MarkerCamera {
             dropout: 0.4,
             wrong_ids: 0.1,
             delay_s: 0.1,
             jitter_s: 0.2,
-            ..LandmarkCamera::downward()
+            ..MarkerCamera::downward()
         };
         let some = flight(&camera, &MotionNoise::NONE).seen;
         let part = some.len() as f64 / all.len() as f64;

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::landmarks::{LandmarkCamera, MarkerField, SeenLandmark, picture};
+use super::landmarks::{MarkerCamera, MarkerField, SeenLandmark, picture};
 use super::noise::{Dice, Stream};
 use super::trajectory::{Trajectory, Truth};
 
@@ -56,7 +56,7 @@ impl MarkerField {
 #[derive(Clone, Debug)]
 pub struct MarkerWatch {
     field: MarkerField,
-    camera: LandmarkCamera,
+    camera: MarkerCamera,
     dice: Dice,
     steps: usize,
     on_the_way: VecDeque<SeenLandmark>,
@@ -64,7 +64,7 @@ pub struct MarkerWatch {
 
 impl MarkerWatch {
     /// A camera with a seed of its own stream.
-    pub fn new(field: MarkerField, camera: LandmarkCamera, seed: u64) -> Self {
+    pub fn new(field: MarkerField, camera: MarkerCamera, seed: u64) -> Self {
         Self {
             field,
             camera,
@@ -114,8 +114,8 @@ mod tests {
     fn sightings_come_late_and_all_of_them() {
         let route = Scenario::patrol();
         let field = MarkerField::along(&route, 60.0, 0.15, 8.0, 1).unwrap();
-        let prompt = LandmarkCamera { every: 10, ..LandmarkCamera::downward() };
-        let late = LandmarkCamera { delay_s: 0.05, jitter_s: 0.1, ..prompt };
+        let prompt = MarkerCamera { every: 10, ..MarkerCamera::downward() };
+        let late = MarkerCamera { delay_s: 0.05, jitter_s: 0.1, ..prompt };
         let watch = |camera| {
             let mut watch = MarkerWatch::new(field.clone(), camera, 3);
             let step = |k: i32| route.at(40.0 + 0.01 * f64::from(k));

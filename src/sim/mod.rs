@@ -15,7 +15,7 @@ mod wander;
 mod wing;
 
 pub use flight::{Reading, Samples, SensorSuite, Simulation};
-pub use landmarks::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, SeenLandmark};
+pub use landmarks::{LandmarkFlight, MarkerCamera, MarkerField, MotionNoise, SeenLandmark};
 pub use markers::MarkerWatch;
 pub use noise::GaussMarkov;
 pub use scenario::Scenario;

@@ -4,19 +4,20 @@ use std::sync::{Arc, OnceLock};
 
 use crate::sound;
 use holdover::config::{Settings, Sources};
-use holdover::landmark::{CameraMount, LandmarkSettings};
+use holdover::geo::{CameraMount, CameraToBody};
+use holdover::landmark::{LandmarkCamera, LandmarkSettings};
 use holdover::navigator::Navigator;
 use holdover::navigator::event::{Event, What};
-use holdover::navigator::landmarks::{LandmarkCamera as Camera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
+use holdover::navigator::landmarks::{ComponentCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 use holdover::navigator::solution::{Carrier, Mode};
 use holdover::navigator::verdict::Reason;
 use holdover::sample::{LandmarkSample, Sample, SampleKind, Sighting, VehicleStatus};
 use holdover::sim::models::ImuModel;
 use holdover::sim::{
-    LandmarkCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth,
+    MarkerCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth,
 };
 use holdover::time::{AutopilotTime, Span};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 /// GNSS goes, and landmarks have had the time to take the position over, s.
 const LOST_S: f64 = 110.0;
@@ -38,13 +39,13 @@ struct Field {
     steps: Vec<Step>,
 }
 
-fn camera() -> LandmarkCamera {
-    LandmarkCamera {
+fn camera() -> MarkerCamera {
+    MarkerCamera {
         every: 10,
         half_field_of_view_rad: [0.7; 2],
         delay_s: 0.06,
         jitter_s: 0.03,
-        ..LandmarkCamera::downward()
+        ..MarkerCamera::downward()
     }
 }
 
@@ -71,15 +72,15 @@ fn field() -> &'static Field {
 
 fn setup(points: impl IntoIterator<Item = (u8, Vector3<f64>)>) -> LandmarkSetup {
     let camera = camera();
-    let mount = CameraMount {
-        r_camera_to_body: camera.r_camera_to_body,
-        lever_body: camera.lever_body,
-        half_field_of_view_rad: camera.half_field_of_view_rad,
-    };
+    let MarkerCamera { mount, half_field_of_view_rad, .. } = camera;
     LandmarkSetup {
         frame: LandmarkFrame::Surveyed,
         points: points.into_iter().map(|(id, p)| (id, LandmarkPlace::Ned(p))).collect(),
-        cameras: vec![Camera { component: 0, mount, delay_s: 0.0 }],
+        cameras: vec![ComponentCamera {
+            component: 0,
+            camera: LandmarkCamera { mount, half_field_of_view_rad },
+            delay_s: 0.0,
+        }],
         filter: LandmarkSettings {
             position_drift: 0.15,
             attitude_drift: 0.02f64.to_radians(),
@@ -293,7 +294,7 @@ fn sightings_that_overtake_the_inertial_stream_wait_for_it() {
     let ahead = |_: f64, s: LandmarkSample, out: &mut Vec<_>| {
         out.push(LandmarkSample { time: s.time + Span::from_millis(130), ..s });
     };
-    let late = Camera { delay_s: 0.13, ..surveyed().cameras[0] };
+    let late = ComponentCamera { delay_s: 0.13, ..surveyed().cameras[0] };
     fly(Some(LandmarkSetup { cameras: vec![late], ..surveyed() }), &[], ahead).assert_carried(0.3);
     // Without that delay they are wrong by as much, wait, and are counted when they are used.
     let f = fly(Some(surveyed()), &[], ahead);
@@ -339,7 +340,7 @@ fn what_cannot_be_is_told_and_does_no_harm() {
 
 #[test]
 fn a_camera_that_is_not_configured_is_not_listened_to() {
-    let only = Camera { component: 101, ..surveyed().cameras[0] };
+    let only = ComponentCamera { component: 101, ..surveyed().cameras[0] };
     let f = fly(Some(LandmarkSetup { cameras: vec![only], ..surveyed() }), &[], unchanged);
     assert!(f.on_landmarks_s == 0.0 && f.rejected(Reason::UnknownCamera) > 1000);
 }
@@ -400,10 +401,12 @@ fn a_field_that_contradicts_gnss_is_told_and_never_used() {
 #[test]
 fn the_camera_may_tell_positions_and_look_anywhere() {
     // A second camera looks forward and down; both tell where landmarks are, in body axes.
-    let r: Matrix3<f64> = holdover::geo::so3::exp(&Vector3::new(0.0, 0.8, 0.0)) * camera().r_camera_to_body;
-    let mount = CameraMount { r_camera_to_body: r, ..surveyed().cameras[0].mount };
-    let second = Camera { component: 101, mount, delay_s: 0.0 };
-    let cameras = vec![surveyed().cameras[0], second];
+    let pitched = CameraToBody::from_matrix(&holdover::geo::so3::exp(&Vector3::new(0.0, 0.8, 0.0)));
+    let first = surveyed().cameras[0];
+    let mount = CameraMount { camera_to_body: pitched, ..first.camera.mount };
+    let second =
+        ComponentCamera { component: 101, camera: LandmarkCamera { mount, ..first.camera }, delay_s: 0.0 };
+    let cameras = vec![first, second];
     let in_body = |truth: &Truth, id: u8| {
         let q = field().markers.iter().find(|m| m.0 == id).unwrap().1;
         truth.r_body_to_ned.tr_mul(&(q - truth.position_ned))

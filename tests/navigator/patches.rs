@@ -1,8 +1,8 @@
 //! Several patches of one image through the navigator: stacked, outvoted when they lie, solved without those that do not come.
 
-use holdover::camera::{CameraMount, View, ground_point, interaction_matrix};
+use holdover::camera::{View, ground_point, interaction_matrix};
 use holdover::config::{Settings, Sources};
-use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
+use holdover::geo::{CameraMount, Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::{Carrier, Mode};
 use holdover::navigator::verdict::{Reason, Verdict};
@@ -26,7 +26,7 @@ fn at(t: f64) -> AutopilotTime {
 fn patch(sensor: u8, truth: &Truth, height_m: f64, time: AutopilotTime) -> FlowSample {
     let (right, forward) = [(-18.0, 14.0), (18.0, 14.0), (-18.0, -14.0), (18.0, -14.0)]
         .map(|(r, f): (f64, f64)| (r.to_radians().tan(), f.to_radians().tan()))[usize::from(sensor) - 11];
-    let view = View::mounted(1.0, &CameraMount::down(), &truth.r_body_to_ned, height_m);
+    let view = View::mounted(1.0, &CameraMount::downward(), &truth.r_body_to_ned, height_m);
     let point = ground_point(&view, &Vector2::new(right, -forward)).unwrap();
     let (v, w) = (truth.velocity_body(), truth.body_rate);
     let flow = -(interaction_matrix(1.0, &point) * Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z));

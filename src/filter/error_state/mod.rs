@@ -20,7 +20,8 @@ mod tuning;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::geo::so3::{exp, nearest_rotation};
+use crate::geo::polar_rotation;
+use crate::geo::so3::exp;
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 pub use measure::Lag;
 use tuning::{COVARIANCE_STEP_S, REORTHONORMALISE};
@@ -320,7 +321,7 @@ impl Eskf {
         s.r_body_to_ned = r * turn;
         self.steps += 1;
         if self.steps.is_multiple_of(REORTHONORMALISE)
-            && let Some(clean) = nearest_rotation(&s.r_body_to_ned)
+            && let Some(clean) = polar_rotation(&s.r_body_to_ned)
         {
             s.r_body_to_ned = clean;
         }

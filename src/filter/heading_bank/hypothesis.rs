@@ -12,7 +12,8 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
 
 use super::tuning::LARGE_TURN;
 use super::{HeadingBankSettings, Waiting};
-use crate::geo::so3::{exp, hat, nearest_rotation};
+use crate::geo::polar_rotation;
+use crate::geo::so3::{exp, hat};
 
 const STATES: usize = 8;
 const THETA: usize = 0;
@@ -138,7 +139,7 @@ impl Hypothesis {
         let mut tv = p.fixed_view_mut::<3, 2>(THETA, V);
         tv += cross.transpose();
         self.p = 0.5 * (p + p.transpose());
-        if let Some(clean) = nearest_rotation(&self.r_body_to_ned) {
+        if let Some(clean) = polar_rotation(&self.r_body_to_ned) {
             self.r_body_to_ned = clean;
         }
     }

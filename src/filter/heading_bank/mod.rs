@@ -25,7 +25,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use crate::geo::so3;
+use crate::geo::{polar_rotation, so3};
 use crate::time::{AutopilotTime, Span};
 use hypothesis::{Hypothesis, HypothesisSigma};
 use jitter::Jitter;
@@ -256,7 +256,7 @@ impl HeadingBank {
             m.r_body_to_ned = middle * half;
         }
         Some(HeadingEstimate {
-            r_body_to_ned: so3::nearest_rotation(&m.r_body_to_ned)?,
+            r_body_to_ned: polar_rotation(&m.r_body_to_ned)?,
             velocity_ne: m.velocity_ne,
             gyro_bias: m.gyro_bias,
             heading_sigma,

@@ -13,9 +13,9 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::implicit::{AffineDynamics, AffineTransition, ImplicitOutput, ImplicitSystem};
 use super::riccati::{self, Discount};
+use crate::geo::kabsch_rotation;
 use crate::geo::so3::hat;
 use crate::landmark::motion::BodyMotion;
-use crate::landmark::pose::kabsch_rotation;
 
 /// A camera on the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -13,6 +13,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::geo::Body;
 use crate::landmark::{
     BodyMotion, LandmarkFilter, LandmarkMap, LandmarkSighting, MotionVerdict, PoseGuess, Seen,
     SightingVerdict,
@@ -25,7 +26,7 @@ use super::solution::Mode;
 use super::verdict::{Reason, Tally, Verdict};
 use fix::Standing;
 use relation::Relation;
-pub use setup::{LandmarkCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
+pub use setup::{ComponentCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 
 /// The filter is carried on in steps of this, s: at fast streams several samples at once.
 const PUSH_S: f64 = 0.009;
@@ -144,7 +145,7 @@ impl Navigator {
         let time = s.time - Span::from_seconds(delay_s);
         let seen = match s.sighting {
             Sighting::Bearing { angle_xy, distance_m } => Seen::Angles { angle_xy, distance_m },
-            Sighting::Body(p) => Seen::InBody(p),
+            Sighting::Body(p) => Seen::InBody(Body::new(p)),
         };
         let Some(filter) = &sense.filter else { return Verdict::Rejected(Reason::NoReferenceYet) };
         let blind = sense.seen_at.is_none_or(|t| filter.time().seconds_since(t) > BLIND_S);
@@ -200,7 +201,7 @@ impl Navigator {
         let Ok(map) = sense.setup.map(&place.frame) else { return };
         let Some(guess) = self.landmark_guess(&map) else { return };
         let setup = &sense.setup;
-        let filter = LandmarkFilter::new(setup.filter, map, setup.mounts(), now, &guess);
+        let filter = LandmarkFilter::new(setup.filter, map, setup.landmark_cameras(), now, &guess);
         if let Some(sense) = &mut self.landmarks {
             sense.filter = Some(filter);
         }

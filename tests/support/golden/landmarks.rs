@@ -1,10 +1,10 @@
 //! The filters of the landmarks: the paper's example, its primitives, and the drone's filter.
 
+use holdover::geo::kabsch_rotation;
 use holdover::landmark::Discount;
 use holdover::landmark::dead_reckoning::DeadReckoning;
 use holdover::landmark::hinf::{impulse, projection};
 use holdover::landmark::information::{Information, SeenInD, Weighing};
-use holdover::landmark::pose::kabsch_rotation;
 use holdover::landmark::{
     BodyMotion, CameraModel, HinfFilter, HinfSettings, ImplicitSystem, VisionInertial, VisionSample,
 };
