@@ -107,10 +107,10 @@ struct Pilot {
 impl Pilot {
     fn compare(&mut self, truth: &Truth, out: bool) {
         let Some(s) = self.navigator.solution().filter(|s| s.mode != Mode::Aligning) else { return };
-        let e_p = (s.position_ned - truth.position_ned).xy();
-        let e_v = (s.velocity_ned - truth.velocity_ned).xy();
-        let p = s.position_covariance.fixed_view::<2, 2>(0, 0).into_owned();
-        let v = s.velocity_covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        let e_p = (s.position.raw() - truth.position_ned).xy();
+        let e_v = (s.velocity.raw() - truth.velocity_ned).xy();
+        let p = s.position_covariance.raw().fixed_view::<2, 2>(0, 0).into_owned();
+        let v = s.velocity_covariance.raw().fixed_view::<2, 2>(0, 0).into_owned();
         if out {
             self.holdover.add(&e_p, &p);
             self.velocity.add(&e_v, &v);
@@ -182,8 +182,10 @@ fn fly(args: &Args, imu: &str, path: &str, seed: u64) -> Result<Vec<Flown>, Stri
     Ok(pilots
         .iter()
         .map(|p| {
-            let error =
-                p.navigator.solution().map_or(f64::NAN, |s| (s.position_ned - end.position_ned).xy().norm());
+            let error = p
+                .navigator
+                .solution()
+                .map_or(f64::NAN, |s| (s.position.raw() - end.position_ned).xy().norm());
             Flown {
                 drift_percent: 100.0 * error / distance,
                 holdover: p.holdover,

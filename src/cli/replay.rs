@@ -322,8 +322,8 @@ impl SolutionCsv {
     }
 
     fn write(&mut self, runner: &Runner, s: &Solution) -> std::io::Result<()> {
-        let e = Euler::from_rotation(&s.r_body_to_ned);
-        let (p, v) = (&s.position_ned, &s.velocity_ned);
+        let e = Euler::from_rotation(s.attitude.matrix());
+        let (p, v) = (s.position.raw(), s.velocity.raw());
         writeln!(
             self.file,
             "{:.6},{},{:?},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.3},{:.3},{}",
@@ -340,7 +340,7 @@ impl SolutionCsv {
             e.pitch_rad.to_degrees(),
             e.yaw_rad.to_degrees(),
             s.horizontal_sigma_m(),
-            s.position_covariance[(2, 2)].max(0.0).sqrt(),
+            s.position_covariance.raw()[(2, 2)].max(0.0).sqrt(),
             s.reset_counter
         )
     }

@@ -148,10 +148,10 @@ impl Navigator {
     fn expectation(&self, e_p: &Vector2<f64>, e_v: Option<&Vector2<f64>>) -> FixInnovation {
         let (mut position_sigma_m, mut velocity_sigma_mps) = (0.0, 0.0);
         if let Some(s) = self.solution() {
-            let speed = s.velocity_ned.xy().norm();
+            let speed = s.velocity.raw().xy().norm();
             position_sigma_m = speed * LATENCY_JITTER_S;
             if self.modes.dead_reckoning() {
-                let v = &s.velocity_covariance;
+                let v = s.velocity_covariance.raw();
                 position_sigma_m = s.horizontal_sigma_m().hypot(position_sigma_m);
                 velocity_sigma_mps = (v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt();
             }

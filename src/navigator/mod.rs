@@ -37,7 +37,9 @@ use nalgebra::{Matrix3, Vector3};
 use crate::altimeter::HeightFilter;
 use crate::filter::HeadingBank;
 use crate::filter::error_state::EskfState;
-use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
+use crate::geo::{
+    Body, BodyToNed, Geodetic, LocalNed, Ned, earth_rate_ned, gravity::gravity_ned, magnetic_field,
+};
 use crate::observer::fusini::FlowBiasForm;
 use crate::observer::{FusiniParams, GripParams, ObserverState, Predictor, Scheme};
 use crate::sample::{ImuSample, Sample, VehicleStatus};
@@ -337,12 +339,12 @@ impl Navigator {
             time,
             mode: self.modes.mode(),
             carrier: self.shown_carrier(time),
-            position_ned,
-            velocity_ned,
-            r_body_to_ned: self.r_body_to_ned,
-            angular_rate_body: self.angular_rate_body,
-            position_covariance,
-            velocity_covariance,
+            position: Ned::new(position_ned),
+            velocity: Ned::new(velocity_ned),
+            attitude: BodyToNed::from_matrix(&self.r_body_to_ned),
+            angular_rate: Body::new(self.angular_rate_body),
+            position_covariance: Ned::new(position_covariance),
+            velocity_covariance: Ned::new(velocity_covariance),
             attitude_variance: self.attitude_variance(),
             reset_counter: self.reset_counter,
         })

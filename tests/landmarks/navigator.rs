@@ -185,11 +185,11 @@ fn fly(
         f.events.extend(f.navigator.drain_events().map(seconds));
         let Some(s) = f.navigator.solution().filter(|s| s.mode != Mode::Aligning) else { continue };
         sound::check_form(&s, "with landmarks");
-        if let Some((position, counter)) = last.replace((s.position_ned, s.reset_counter))
+        if let Some((position, counter)) = last.replace((s.position.raw(), s.reset_counter))
             && s.carrier == Carrier::Landmarks
         {
-            let moved: Vector3<f64> = s.position_ned - position;
-            let beyond = (moved - s.velocity_ned * 0.01).xy().norm();
+            let moved: Vector3<f64> = s.position.raw() - position;
+            let beyond = (moved - s.velocity.raw() * 0.01).xy().norm();
             if counter == s.reset_counter {
                 f.step_m = f.step_m.max(beyond);
             } else {
@@ -197,12 +197,12 @@ fn fly(
             }
         }
         if step.t_s > TAKEN_OVER_S {
-            let error = (s.position_ned - step.truth.position_ned).xy().norm();
+            let error = (s.position.raw() - step.truth.position_ned).xy().norm();
             f.error_m = f.error_m.max(error);
             f.over_sigma = f.over_sigma.max(error / s.horizontal_sigma_m());
             f.sigma_m = s.horizontal_sigma_m();
             f.on_landmarks_s += if s.carrier == Carrier::Landmarks { 0.01 } else { 0.0 };
-            let turn = s.r_body_to_ned * step.truth.r_body_to_ned.transpose();
+            let turn = s.attitude.matrix() * step.truth.r_body_to_ned.transpose();
             f.yaw_error = turn[(1, 0)].atan2(turn[(0, 0)]).abs();
         }
     }

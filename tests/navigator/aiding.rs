@@ -47,7 +47,7 @@ fn fly(scenario: Scenario, suite: SensorSuite, seed: u64, (from_s, to_s): (f64, 
         truth = Some(reading.truth);
     }
     let solution = navigator.solution().unwrap();
-    let error_m = (solution.position_ned - truth.unwrap().position_ned).xy().norm();
+    let error_m = (solution.position.raw() - truth.unwrap().position_ned).xy().norm();
     Flown { error_m, solution, navigator }
 }
 
@@ -99,7 +99,8 @@ fn a_disarmed_vehicle_that_stands_does_not_drift() {
     let suite = SensorSuite { flow: None, ..SensorSuite::mems() };
     let flown = fly(stand, suite, 4, (10.0, 18.0), &[]);
     assert_eq!((flown.solution.mode, flown.solution.carrier), (Mode::Holdover, Carrier::Standstill));
-    assert!(flown.solution.velocity_ned.norm() < 0.05, "{}", flown.solution.velocity_ned);
+    let velocity = flown.solution.velocity.raw();
+    assert!(velocity.norm() < 0.05, "{velocity}");
     assert!(flown.navigator.nis().of(Measured::Standstill).fused > 50);
 }
 

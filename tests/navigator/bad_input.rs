@@ -80,14 +80,14 @@ impl Seen {
         let at = ready.flown.steps.partition_point(|x| x.t_s < t - 1e-6).min(ready.flown.steps.len() - 1);
         let truth = &ready.flown.steps[at].truth;
         let shift = ready.flown.frame.to_ned(&self.navigator.frame().unwrap().origin());
-        let p = s.position_ned + shift - truth.position_ned;
+        let p = s.position.raw() + shift - truth.position_ned;
         let note = |worst: &mut (f64, f64), ratio: f64| {
             if ratio > worst.0 {
                 *worst = (ratio, step.t_s);
             }
         };
         note(&mut self.horizontal, p.xy().norm() / s.horizontal_sigma_m());
-        note(&mut self.vertical, p.z.abs() / s.position_covariance[(2, 2)].sqrt());
+        note(&mut self.vertical, p.z.abs() / s.position_covariance.raw()[(2, 2)].sqrt());
         self.error_m = self.error_m.max(p.xy().norm());
     }
 

@@ -44,12 +44,12 @@ fn fly(scenario: Scenario, mems: bool, seed: u64, set: &[&str]) -> Flown {
             last = Some(at);
             if k % 100 == 0 {
                 let s = navigator.solution().unwrap();
-                let p = s.position_covariance.fixed_view::<2, 2>(0, 0).into_owned();
-                holdover.add(&(s.position_ned.xy() - at), &p);
+                let p = s.position_covariance.raw().fixed_view::<2, 2>(0, 0).into_owned();
+                holdover.add(&(s.position.raw().xy() - at), &p);
             }
         }
     }
-    let error_m = (navigator.solution().unwrap().position_ned.xy() - last.unwrap()).norm();
+    let error_m = (navigator.solution().unwrap().position.raw().xy() - last.unwrap()).norm();
     assert!(distance_m > 14_000.0);
     Flown { drift_percent: 100.0 * error_m / distance_m, holdover }
 }

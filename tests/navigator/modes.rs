@@ -113,16 +113,18 @@ fn fly(flight: &Flight<'_>, duration_s: f64, overrides: &[&str]) -> Log {
             log.events.push((t, event.what));
         }
         if let Some(solution) = log.navigator.solution() {
-            let all =
-                solution.position_ned.sum() + solution.velocity_ned.sum() + solution.r_body_to_ned.sum();
+            let all = solution.position.raw().sum()
+                + solution.velocity.raw().sum()
+                + solution.attitude.matrix().sum();
             assert!(
-                all.is_finite() && solution.position_covariance.sum().is_finite(),
+                all.is_finite() && solution.position_covariance.raw().sum().is_finite(),
                 "at {t}: {solution:?}"
             );
             if k % 10 == 0 {
                 // The navigator's origin is the first fix it got; truth's is the frame's.
                 let shift = frame.to_ned(&log.navigator.frame().unwrap().origin());
-                let solution = Solution { position_ned: solution.position_ned + shift, ..solution };
+                let solution =
+                    Solution { position: solution.position + holdover::geo::Ned::new(shift), ..solution };
                 log.states.push((t, truth, solution));
             }
         }
@@ -175,7 +177,7 @@ impl Log {
 
     fn horizontal_error(&self, t: f64) -> f64 {
         let (_, truth, s) = self.between(t - 0.06, t + 0.06).next().unwrap();
-        (s.position_ned - truth.position_ned).xy().norm()
+        (s.position.raw() - truth.position_ned).xy().norm()
     }
 
     fn mode_at(&self, t: f64) -> Mode {
@@ -194,7 +196,7 @@ impl Log {
             .windows(2)
             .map(|w| {
                 let moved = w[1].1.position_ned - w[0].1.position_ned;
-                (w[1].2.position_ned - w[0].2.position_ned - moved).xy().norm()
+                ((w[1].2.position - w[0].2.position).raw() - moved).xy().norm()
             })
             .fold(0.0, f64::max)
     }
@@ -218,12 +220,12 @@ fn with_gnss_the_state_is_known() {
             let log =
                 fly(&Flight { trajectory, gnss: &good, flow: true, seed }, 120.0, &["gnss.delay_ms=200"]);
             assert_eq!(log.mode_at(60.0), Mode::Aided);
-            let p = log.rms(60.0, 120.0, |t, s| (s.position_ned - t.position_ned).xy().norm());
-            let v = log.rms(60.0, 120.0, |t, s| (s.velocity_ned - t.velocity_ned).norm());
-            let h = log.rms(60.0, 120.0, |t, s| s.position_ned.z - t.position_ned.z);
+            let p = log.rms(60.0, 120.0, |t, s| (s.position.raw() - t.position_ned).xy().norm());
+            let v = log.rms(60.0, 120.0, |t, s| (s.velocity.raw() - t.velocity_ned).norm());
+            let h = log.rms(60.0, 120.0, |t, s| s.position.raw().z - t.position_ned.z);
             let a = log
                 .rms(60.0, 120.0, |t, s| {
-                    holdover::geo::so3::angle_between(&s.r_body_to_ned, &t.r_body_to_ned)
+                    holdover::geo::so3::angle_between(s.attitude.matrix(), &t.r_body_to_ned)
                 })
                 .to_degrees();
             assert!(
@@ -288,7 +290,7 @@ fn the_forms_that_the_papers_print_can_be_chosen() {
     let run = |overrides: &[&str]| {
         let log = fly(&flight, 180.0, overrides);
         let aided =
-            log.between(60.0, 119.0).map(|(_, truth, s)| (s.velocity_ned - truth.velocity_ned).norm());
+            log.between(60.0, 119.0).map(|(_, truth, s)| (s.velocity.raw() - truth.velocity_ned).norm());
         let (sum, n) = aided.fold((0.0, 0.0), |(sum, n), e| (sum + e * e, n + 1.0));
         ((sum / n).sqrt(), log.horizontal_error(179.9))
     };
@@ -366,7 +368,7 @@ fn a_height_jump_of_gnss_is_not_followed() {
     let log = fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 7 }, 130.0, &[]);
     let worst = log
         .between(100.0, 130.0)
-        .map(|(_, t, s)| (s.position_ned.z - t.position_ned.z).abs())
+        .map(|(_, t, s)| (s.position.raw().z - t.position_ned.z).abs())
         .fold(0.0, f64::max);
     assert!(worst < 3.0, "{worst}");
 }
@@ -385,7 +387,7 @@ fn any_first_attitude_is_overcome_within_the_first_minute() {
 const NO_DIRECTION: [&str; 2] = ["magnetometer.use=false", "flow.use=false"];
 
 fn heading_error(truth: &Truth, s: &Solution) -> f64 {
-    so3::log(&(s.r_body_to_ned * truth.r_body_to_ned.transpose())).z
+    so3::log(&(s.attitude.matrix() * truth.r_body_to_ned.transpose())).z
 }
 
 #[test]
@@ -413,7 +415,7 @@ fn without_magnetometer_and_flow_motion_shows_the_heading() {
             }
             let rms = log.rms(80.0, 150.0, heading_error).to_degrees();
             assert!(rms < 2.5, "seed {seed}: {rms} deg");
-            let rms = log.rms(80.0, 150.0, |t, s| (s.velocity_ned - t.velocity_ned).norm());
+            let rms = log.rms(80.0, 150.0, |t, s| (s.velocity.raw() - t.velocity_ned).norm());
             // The fixes are 100 ms later than is thought at first.
             assert!(rms < 0.6, "seed {seed}: {rms} m/s");
         }

@@ -106,7 +106,7 @@ fn fly(
         }
     }
     let shift = frame.to_ned(&navigator.frame().unwrap().origin());
-    let error_m = (navigator.solution().unwrap().position_ned + shift - truth.position_ned).xy().norm();
+    let error_m = (navigator.solution().unwrap().position.raw() + shift - truth.position_ned).xy().norm();
     Flown { navigator, error_m }
 }
 
@@ -232,7 +232,7 @@ proptest! {
             }
         });
         let solution = flown.navigator.solution().unwrap();
-        prop_assert!((solution.position_ned.sum() + solution.velocity_ned.sum()).is_finite());
+        prop_assert!((solution.position.raw().sum() + solution.velocity.raw().sum()).is_finite());
         let tally = flown.navigator.tally();
         let counted = tally.used(SampleKind::Flow) + tally.rejected(SampleKind::Flow).map(|(_, n)| n).sum::<u64>();
         // What came last may still wait.

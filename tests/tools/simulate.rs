@@ -10,7 +10,6 @@ use holdover::sample::{FlowRotation, Input, Reference, Sample, TruthState, Vehic
 use holdover::sim::models::{AirspeedModel, ImuModel};
 use holdover::sim::{Scenario, SensorSuite, Simulation};
 use holdover::time::{AutopilotTime, Span};
-use nalgebra::{Matrix3, UnitQuaternion};
 use tempfile::{TempDir, tempdir};
 
 fn simulate(out: &Path, more: &[&str]) -> Ran {
@@ -146,10 +145,8 @@ fn what_is_decoded_is_what_was_simulated() {
         for t in &heard.truth {
             let x = simulation.truth(Simulation::seconds(t.time));
             assert!((frame.to_ned(&t.position.unwrap()) - x.position_ned).norm() < 0.01);
-            assert!((t.velocity_ned.unwrap() - x.velocity_ned).norm() < 0.01);
-            let q = UnitQuaternion::from_quaternion(t.body_to_ned.unwrap());
-            let r: Matrix3<f64> = q.to_rotation_matrix().into_inner();
-            assert!((r - x.r_body_to_ned).norm() < 1e-6);
+            assert!((t.velocity.unwrap().raw() - x.velocity_ned).norm() < 0.01);
+            assert!((t.attitude.unwrap().matrix() - x.r_body_to_ned).norm() < 1e-6);
         }
     }
 }
@@ -238,5 +235,5 @@ fn a_wind_and_no_flow_are_what_they_say() {
     let start = d.truth[0].time;
     let slow = d.truth.iter().filter(|t| t.time - start < Span::from_millis(20_000));
     // Northwards against the wind at first.
-    assert!(slow.map(|t| t.velocity_ned.unwrap().norm()).all(|v| v < 25.0));
+    assert!(slow.map(|t| t.velocity.unwrap().raw().norm()).all(|v| v < 25.0));
 }
