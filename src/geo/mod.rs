@@ -32,7 +32,7 @@ pub mod wgs84;
 
 pub use earth_rate::{EARTH_RATE_RADPS, earth_rate_ned};
 pub use frame::{Body, BodyToNed, Camera, CameraToBody, Ned};
-pub use gravity::normal_gravity;
+pub use gravity::{NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2, normal_gravity};
 pub use magnetic::{MagneticError, MagneticField, magnetic_field};
 pub use mount::CameraMount;
 pub use nearest::{kabsch_rotation, polar_rotation};

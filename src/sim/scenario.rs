@@ -8,7 +8,7 @@ use super::hops::Hops;
 use super::sensors::Environment;
 use super::trajectory::{Trajectory, Truth};
 use super::wing::{FULL, Plan, PlannedFlight};
-use crate::geo::Geodetic;
+use crate::geo::{Geodetic, NOMINAL_GRAVITY_MPS2};
 use crate::sample::{Airframe, VehicleStatus};
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -265,7 +265,7 @@ impl Scenario {
 
 /// Rate of a coordinated level turn, rad/s.
 fn turn_rate(bank_deg: f64, speed_mps: f64) -> f64 {
-    9.81 * bank_deg.to_radians().tan() / speed_mps
+    NOMINAL_GRAVITY_MPS2 * bank_deg.to_radians().tan() / speed_mps
 }
 
 #[cfg(test)]

@@ -4,12 +4,9 @@
 //! differentially flat: a fixed wing's x axis lies along the velocity and its specific force in the plane of symmetry, a multirotor's
 //! specific force lies along −z and its heading is free. The body rate then comes from the jerk, without any numeric derivative.
 
-use crate::geo::so3;
+use crate::geo::{NOMINAL_GRAVITY_MPS2, so3};
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::{FRAC_PI_2, TAU};
-
-/// Gravity used to shape attitudes, m/s². (What sensors see is [`super::Environment`]'s.)
-const SHAPING_GRAVITY: f64 = 9.81;
 
 /// The truth at a time. NED and body FRD, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -153,7 +150,7 @@ impl Trajectory for FixedWing {
 
 /// A fixed wing whose nose points along `x` (derivative `dx`) with the specific force in its plane of symmetry.
 pub(super) fn coordinated(t_s: f64, path: &Path, x: Vector3<f64>, dx: Vector3<f64>) -> Truth {
-    let f = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY);
+    let f = path.a - Vector3::new(0.0, 0.0, NOMINAL_GRAVITY_MPS2);
     let along = f.dot(&x);
     let d_along = path.j.dot(&x) + f.dot(&dx);
     // Lift and its derivative: what is left of the specific force across the velocity.
@@ -227,7 +224,7 @@ impl Trajectory for Multirotor {
 pub(super) fn thrusting(t_s: f64, path: &Path, drag_per_s: f64, (psi, dpsi): (f64, f64)) -> Truth {
     let (s, c) = psi.sin_cos();
     let (ahead, d_ahead) = (Vector3::new(c, s, 0.0), dpsi * Vector3::new(-s, c, 0.0));
-    let thrust = path.a - Vector3::new(0.0, 0.0, SHAPING_GRAVITY) + path.v * drag_per_s;
+    let thrust = path.a - Vector3::new(0.0, 0.0, NOMINAL_GRAVITY_MPS2) + path.v * drag_per_s;
     let (up, d_up) = unit(&thrust, &(path.j + path.a * drag_per_s));
     let (z, dz) = (-up, -d_up);
     let (y, dy) = unit(&z.cross(&ahead), &(dz.cross(&ahead) + z.cross(&d_ahead)));
@@ -332,7 +329,7 @@ mod tests {
         for t in [0.0, 3.3, 100.0] {
             let x = c.at(t);
             let e = so3::Euler::from_rotation(&x.r_body_to_ned);
-            assert!((e.roll_rad.tan() - 25.0 * 25.0 / (300.0 * SHAPING_GRAVITY)).abs() < 1e-12);
+            assert!((e.roll_rad.tan() - 25.0 * 25.0 / (300.0 * NOMINAL_GRAVITY_MPS2)).abs() < 1e-12);
             assert!((x.velocity_ned.norm() - 25.0).abs() < 1e-9);
             assert!((x.velocity_body() - Vector3::new(25.0, 0.0, 0.0)).norm() < 1e-9);
         }

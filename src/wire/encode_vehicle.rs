@@ -8,7 +8,7 @@ use mavlink::dialects::ardupilotmega as apm;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
-use crate::geo::{Body, BodyToNed, Euler, Geodetic, Ned};
+use crate::geo::{Body, BodyToNed, Euler, Geodetic, Ned, STANDARD_GRAVITY_MPS2};
 use crate::sample::{
     Airframe, FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, LandmarkSample, MagSample,
     PressureSample, RangeDirection, RangeSample, Sample, Sighting, VehicleStatus,
@@ -139,7 +139,7 @@ pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
     let [xgyro, ygyro, zgyro] = triple(&t.angular_rate.raw())?;
     if autopilot == AutopilotKind::Px4 {
         let [vx, vy, vz] = shorts(&(t.velocity.raw() * 100.0))?;
-        let [xacc, yacc, zacc] = shorts(&(t.specific_force.raw() * (1000.0 / 9.806_65)))?;
+        let [xacc, yacc, zacc] = shorts(&(t.specific_force.raw() * (1000.0 / STANDARD_GRAVITY_MPS2)))?;
         return Some(MavMessage::HIL_STATE_QUATERNION(apm::HIL_STATE_QUATERNION_DATA {
             time_usec: boot_usec(t.time)?,
             attitude_quaternion: [q1, q2, q3, q4],

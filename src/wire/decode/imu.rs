@@ -3,13 +3,12 @@
 use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::Vector3;
 
+use crate::geo::STANDARD_GRAVITY_MPS2;
 use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
 use crate::time::AutopilotTime;
 
 use super::{Cause, Decoder, Out, finite, within};
 
-/// Standard gravity: what "milli-g" in SCALED_IMU means, m/s².
-const STANDARD_GRAVITY: f64 = 9.806_65;
 const TESLA_PER_GAUSS: f64 = 1e-4;
 /// Beyond any sensor a small vehicle carries (±16 g to ±32 g; ±2000 °/s to ±4000 °/s).
 const MAX_SPECIFIC_FORCE: f64 = 400.0;
@@ -79,7 +78,7 @@ impl Decoder {
     ) -> Result<(), Cause> {
         let v =
             |i: usize| Vector3::new(f64::from(raw[i]), f64::from(raw[i + 1]), f64::from(raw[i + 2])) * 1e-3;
-        let used = self.inertial(rank, time, v(3), v(0) * STANDARD_GRAVITY, out)?;
+        let used = self.inertial(rank, time, v(3), v(0) * STANDARD_GRAVITY_MPS2, out)?;
         if used && raw[6..] != [0, 0, 0] {
             magnetic(time, 0, v(6) * TESLA_PER_GAUSS, out)?;
         }
