@@ -13,7 +13,7 @@
 //! assert!((mast.x - 111.5).abs() < 0.2 && (mast.z + 30.0).abs() < 0.01);
 //!
 //! assert!((normal_gravity(origin.latitude_rad, origin.height_m) - 9.821).abs() < 1e-3);
-//! let field = magnetic_field(&origin, 2026.5)?.field_ned_t;
+//! let field = magnetic_field(&origin, 2026.5)?.raw();
 //! assert!(field.y > 0.0, "declination is to the east in Trondheim");
 //!
 //! let nose = CameraMount::turned(Euler::new(0.0, 90f64.to_radians(), 0.0), Body::new(Vector3::new(0.2, 0.0, 0.0)));
@@ -33,7 +33,7 @@ pub mod wgs84;
 pub use earth_rate::{EARTH_RATE_RADPS, earth_rate_ned};
 pub use frame::{Body, BodyToNed, Camera, CameraToBody, Ned};
 pub use gravity::{NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2, normal_gravity};
-pub use magnetic::{MagneticError, MagneticField, magnetic_field};
+pub use magnetic::{MagneticError, magnetic_field};
 pub use mount::CameraMount;
 pub use nearest::{kabsch_rotation, polar_rotation};
 pub use so3::Euler;

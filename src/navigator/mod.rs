@@ -321,7 +321,7 @@ impl Navigator {
             frame: LocalNed::new(origin),
             gravity_ned: gravity_ned(origin.latitude_rad, origin.height_m),
             earth_rate_ned: earth_rate_ned(origin.latitude_rad),
-            field_ned: magnetic_field(&origin, self.decimal_year).ok().map(|f| f.field_ned_t),
+            field_ned: magnetic_field(&origin, self.decimal_year).ok().map(Ned::raw),
         }
     }
 

@@ -34,7 +34,7 @@ impl Environment {
         Ok(Self {
             gravity_mps2: crate::geo::normal_gravity(origin.latitude_rad, origin.height_m),
             earth_rate_ned: crate::geo::earth_rate_ned(origin.latitude_rad),
-            magnetic_ned: crate::geo::magnetic_field(origin, FIELD_YEAR)?.field_ned_t,
+            magnetic_ned: crate::geo::magnetic_field(origin, FIELD_YEAR)?.raw(),
             ground_down_m,
         })
     }

@@ -62,7 +62,7 @@ fn fly(
     let environment = Environment {
         gravity_mps2: normal_gravity(origin.latitude_rad, origin.height_m),
         earth_rate_ned: earth_rate_ned(origin.latitude_rad),
-        magnetic_ned: magnetic_field(&origin, 2026.0).unwrap().field_ned_t,
+        magnetic_ned: magnetic_field(&origin, 2026.0).unwrap().raw(),
         ground_down_m: 0.0,
     };
     let mut noisy = Noisy::new(NoiseLevels::tactical(), 1);
