@@ -27,7 +27,7 @@
 
 use nalgebra::Vector3;
 
-use crate::geo::{BodyToNed, Geodetic, Ned};
+use crate::geo::{Body, BodyToNed, Geodetic, Ned};
 use crate::time::{AutopilotTime, ClockEvent, Span};
 
 /// What the core is given, in the order in which it came: everything that live flight, replay and simulation have in common.
@@ -115,19 +115,19 @@ impl SampleKind {
     }
 }
 
-/// Angular rate and specific force, body FRD. Whether the values are means over the last interval or instantaneous depends on
+/// Angular rate and specific force. Whether the values are means over the last interval or instantaneous depends on
 /// the stream: at 50 Hz and more the difference is below the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
     /// End of the sampling interval.
     pub time: AutopilotTime,
     /// Angular rate of the body relative to inertial space, rad/s.
-    pub angular_rate_body: Vector3<f64>,
+    pub angular_rate: Body<Vector3<f64>>,
     /// Specific force, m/s² (about −9.8 in z when level and at rest).
-    pub specific_force_body: Vector3<f64>,
+    pub specific_force: Body<Vector3<f64>>,
 }
 
-/// Magnetic field in body FRD.
+/// Magnetic field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MagSample {
     /// When it was measured.
@@ -135,7 +135,7 @@ pub struct MagSample {
     /// Which magnetometer.
     pub sensor: u8,
     /// Field, tesla.
-    pub field_body: Vector3<f64>,
+    pub field: Body<Vector3<f64>>,
 }
 
 /// What kind of fix a receiver says it has.
@@ -309,8 +309,8 @@ pub enum Sighting {
         /// Distance to the landmark, m.
         distance_m: Option<f64>,
     },
-    /// Position of the landmark relative to the vehicle, body FRD, m.
-    Body(Vector3<f64>),
+    /// Position of the landmark from the vehicle, m.
+    Body(Body<Vector3<f64>>),
 }
 
 impl Sample {

@@ -28,7 +28,7 @@ impl Navigator {
         if !self.settings.magnetometer {
             return Verdict::Rejected(Reason::SwitchedOff);
         }
-        let norm = s.field_body.norm();
+        let norm = s.field.raw().norm();
         if !norm.is_finite() {
             return Verdict::Rejected(Reason::NotFinite);
         }
@@ -47,8 +47,8 @@ impl Navigator {
         if self.magnetometer_is_stuck(s) {
             return Verdict::Rejected(Reason::Stuck);
         }
-        self.magnetic = Some((s.time, s.field_body));
-        if self.fuse_magnetic(s.time, &s.field_body) {
+        self.magnetic = Some((s.time, s.field.raw()));
+        if self.fuse_magnetic(s.time, &s.field.raw()) {
             Verdict::Used
         } else {
             Verdict::Rejected(Reason::Innovation)
@@ -62,9 +62,9 @@ impl Navigator {
 
     /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.
     fn magnetometer_is_stuck(&mut self, s: &MagSample) -> bool {
-        let Some((since, field, known)) = self.magnetic_same.filter(|(_, field, _)| *field == s.field_body)
+        let Some((since, field, known)) = self.magnetic_same.filter(|(_, field, _)| *field == s.field.raw())
         else {
-            self.magnetic_same = Some((s.time, s.field_body, false));
+            self.magnetic_same = Some((s.time, s.field.raw(), false));
             return false;
         };
         let now = self.last_imu.map_or(s.time, |now| now.min(s.time));

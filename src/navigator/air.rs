@@ -66,7 +66,7 @@ impl Navigator {
         let often = (SAMPLE_INTERVAL_S / interval_s.max(1e-3)).max(1.0).sqrt();
         let fused = kalman.filter.fuse_airspeed(airspeed, air.sigma_mps * often);
         let upright = kalman.filter.state().r_body_to_ned[(2, 2)] > MIN_UPRIGHT;
-        let load = self.last_sample.map_or(f64::INFINITY, |i| i.specific_force_body.norm() / GRAVITY);
+        let load = self.last_sample.map_or(f64::INFINITY, |i| i.specific_force.raw().norm() / GRAVITY);
         let slipped = (fused.is_ok() && upright && load < MAX_LOAD_G && air.sideslip_sigma_rad > 0.0)
             .then(|| kalman.filter.fuse_sideslip(air.sideslip_sigma_rad * often));
         let taken = self.nis.note(Measured::Airspeed, fused, |c| c.nis);

@@ -34,8 +34,8 @@ impl Navigator {
         else {
             return false;
         };
-        let rate = 0.5 * (last.angular_rate_body + s.angular_rate_body);
-        let force = 0.5 * (last.specific_force_body + s.specific_force_body);
+        let rate = 0.5 * (last.angular_rate.raw() + s.angular_rate.raw());
+        let force = 0.5 * (last.specific_force.raw() + s.specific_force.raw());
         let steps = (gap_s / STEP_S).ceil().max(1.0);
         let dt = gap_s / steps;
         for _ in 0..steps as usize {
@@ -48,7 +48,7 @@ impl Navigator {
         let filter = *kalman.filter.state();
         self.last_sample = Some(*s);
         self.r_body_to_ned = filter.r_body_to_ned;
-        self.angular_rate_body = s.angular_rate_body - filter.gyro_bias;
+        self.angular_rate_body = s.angular_rate.raw() - filter.gyro_bias;
         let acceleration_ned = filter.r_body_to_ned * force + place.gravity_ned;
         // The observer has no such memory: it goes on from where the filter is.
         if let Some(state) = &mut self.state {

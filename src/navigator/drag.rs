@@ -98,7 +98,7 @@ impl Navigator {
         let Some(kalman) = &mut self.kalman else { return };
         let mean = &mut self.drag;
         mean.seconds += dt;
-        mean.force += s.specific_force_body.xy() * dt;
+        mean.force += s.specific_force.raw().xy() * dt;
         mean.air += kalman.filter.state().air_velocity_body() * dt;
         if mean.seconds < PERIOD_S {
             return;

@@ -41,7 +41,7 @@ impl Navigator {
             self.tell(s.time, What::HeadingSought);
         }
         if let Some(bank) = &mut self.heading {
-            bank.imu(s.time, dt, &s.angular_rate_body, &s.specific_force_body);
+            bank.imu(s.time, dt, &s.angular_rate.raw(), &s.specific_force.raw());
         }
     }
 

@@ -42,10 +42,10 @@ pub(super) const UNKNOWN_VERTICAL: f64 = 2.0;
 
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
-        if !finite(&s.angular_rate_body) || !finite(&s.specific_force_body) {
+        if !finite(&s.angular_rate.raw()) || !finite(&s.specific_force.raw()) {
             return Verdict::Rejected(Reason::NotFinite);
         }
-        if saturated(&s.angular_rate_body, FULL_RATE) || saturated(&s.specific_force_body, FULL_FORCE) {
+        if saturated(&s.angular_rate.raw(), FULL_RATE) || saturated(&s.specific_force.raw(), FULL_FORCE) {
             return Verdict::Rejected(Reason::OutOfRange);
         }
         let Some(last) = self.last_imu else {
@@ -88,8 +88,8 @@ impl Navigator {
         let last = self.last_sample.replace(*s).filter(|_| self.settings.imu_instantaneous);
         let mean = last.map_or(*s, |last| ImuSample {
             time: s.time,
-            angular_rate_body: 0.5 * (last.angular_rate_body + s.angular_rate_body),
-            specific_force_body: 0.5 * (last.specific_force_body + s.specific_force_body),
+            angular_rate: (last.angular_rate + s.angular_rate) * 0.5,
+            specific_force: (last.specific_force + s.specific_force) * 0.5,
         });
         let report = self.observe(&mut state, &mean, dt, &place);
         match (report, state.is_finite()) {
@@ -123,7 +123,8 @@ impl Navigator {
     /// Whether the IMU repeats itself for longer than one does that is in the air; on the ground a coarse one may.
     fn is_stuck(&mut self, s: &ImuSample) -> bool {
         let Some(last) = self.last_sample.filter(|last| {
-            last.angular_rate_body == s.angular_rate_body && last.specific_force_body == s.specific_force_body
+            last.angular_rate.raw() == s.angular_rate.raw()
+                && last.specific_force.raw() == s.specific_force.raw()
         }) else {
             self.imu_same_since = None;
             return false;
@@ -158,8 +159,8 @@ impl Navigator {
             let k_p = self.fusini.k_p * self.settings.observer.holdover_k_p_factor;
             let input = FusiniInput {
                 dt_s: dt,
-                angular_rate_body: s.angular_rate_body,
-                specific_force_body: s.specific_force_body,
+                angular_rate_body: s.angular_rate.raw(),
+                specific_force_body: s.specific_force.raw(),
                 gravity_ned: place.gravity_ned,
                 earth_rate_ned: place.earth_rate_ned,
                 flow_velocity_body: flow_velocity_body.filter(|_| self.carrier == Carrier::Flow),
@@ -181,8 +182,8 @@ impl Navigator {
                     .map_or_else(Default::default, |w| w.errors(&state.position_ned, &state.velocity_ned));
                 let input = GripInput {
                     dt_s: dt / n,
-                    angular_rate_body: s.angular_rate_body,
-                    specific_force_body: s.specific_force_body,
+                    angular_rate_body: s.angular_rate.raw(),
+                    specific_force_body: s.specific_force.raw(),
                     gravity_ned: place.gravity_ned,
                     earth_rate_ned: place.earth_rate_ned,
                     magnetic: Some(pair),
@@ -195,8 +196,8 @@ impl Navigator {
         }
         let input = FusiniInput {
             dt_s: dt,
-            angular_rate_body: s.angular_rate_body,
-            specific_force_body: s.specific_force_body,
+            angular_rate_body: s.angular_rate.raw(),
+            specific_force_body: s.specific_force.raw(),
             gravity_ned: place.gravity_ned,
             earth_rate_ned: place.earth_rate_ned,
             flow_velocity_body: flow_body,
@@ -245,18 +246,18 @@ impl Navigator {
 
     fn after_step(&mut self, s: &ImuSample, dt: f64, report: &StepReport, place: &Place) {
         let Some(state) = self.state else { return };
-        let filtered = self.predict_kalman(s.time, dt, &s.angular_rate_body, &s.specific_force_body);
+        let filtered = self.predict_kalman(s.time, dt, &s.angular_rate.raw(), &s.specific_force.raw());
         let (acceleration, integrated) = match (&self.kalman, filtered) {
             (Some(kalman), Some(acceleration)) => {
                 let filter = kalman.filter.state();
                 self.r_body_to_ned = filter.r_body_to_ned;
-                self.angular_rate_body = s.angular_rate_body - filter.gyro_bias;
+                self.angular_rate_body = s.angular_rate.raw() - filter.gyro_bias;
                 (acceleration, acceleration)
             }
             _ => match self.predict_xkf(s, dt, place) {
                 Some(second) => {
                     self.r_body_to_ned = second.r_body_to_ned;
-                    self.angular_rate_body = s.angular_rate_body - second.gyro_bias;
+                    self.angular_rate_body = s.angular_rate.raw() - second.gyro_bias;
                     // The signal that is injected into the observer stays the observer's own.
                     (second.acceleration_ned, report.acceleration_ned)
                 }
@@ -264,8 +265,8 @@ impl Navigator {
                     if let Some(r) = state.r_body_to_ned() {
                         self.r_body_to_ned = r;
                     }
-                    self.angular_rate_body = s.angular_rate_body - state.gyro_bias;
-                    (self.r_body_to_ned * s.specific_force_body + place.gravity_ned, report.acceleration_ned)
+                    self.angular_rate_body = s.angular_rate.raw() - state.gyro_bias;
+                    (self.r_body_to_ned * s.specific_force.raw() + place.gravity_ned, report.acceleration_ned)
                 }
             },
         };
@@ -298,12 +299,13 @@ impl Navigator {
     fn first_attitude(&mut self, s: &ImuSample, place: &Place) {
         let up = -place.gravity_ned;
         let guess = match self.magnetic_pair(s.time, place) {
-            Some(pair) => rotation(&s.specific_force_body, &pair.field_body, &up, &pair.field_ned),
+            Some(pair) => rotation(&s.specific_force.raw(), &pair.field_body, &up, &pair.field_ned),
             None if self.modes.seconds_since_start(s.time) < WAIT_FOR_MAGNETOMETER_S => None,
             None => {
                 let forward = Vector3::x()
-                    - s.specific_force_body * s.specific_force_body.x / s.specific_force_body.norm_squared();
-                rotation(&s.specific_force_body, &forward, &up, &Vector3::x())
+                    - s.specific_force.raw() * s.specific_force.raw().x
+                        / s.specific_force.raw().norm_squared();
+                rotation(&s.specific_force.raw(), &forward, &up, &Vector3::x())
             }
         };
         if let Some(r) = guess {

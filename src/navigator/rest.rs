@@ -63,8 +63,8 @@ impl Navigator {
     /// Looks at an IMU sample; tells the filter if the vehicle stands.
     pub(super) fn look_for_rest(&mut self, s: &ImuSample) {
         let gravity = self.place.as_ref().map_or(9.81, |p| p.gravity_ned.z);
-        let quiet = s.angular_rate_body.norm() < QUIET_RATE
-            && (s.specific_force_body.norm() - gravity).abs() < QUIET_FORCE;
+        let quiet = s.angular_rate.raw().norm() < QUIET_RATE
+            && (s.specific_force.raw().norm() - gravity).abs() < QUIET_FORCE;
         if self.disarmed() {
             self.doubt_disarmed();
         }
@@ -83,7 +83,7 @@ impl Navigator {
         let earth = self.place.as_ref().map_or(Vector3::zeros(), |p| p.earth_rate_ned);
         let Some(kalman) = &mut self.kalman else { return };
         // A filter that moves does not believe it, and is right: a float on a river is disarmed, too.
-        match kalman.filter.fuse_standstill(&s.angular_rate_body, &earth, SIGMA_MPS, SIGMA_RADPS) {
+        match kalman.filter.fuse_standstill(&s.angular_rate.raw(), &earth, SIGMA_MPS, SIGMA_RADPS) {
             Ok(corrections) => {
                 self.rest.resting = true;
                 for c in &corrections {

@@ -118,8 +118,8 @@ impl Navigator {
         let biases = if self.modes.dead_reckoning() { BiasMode::Frozen } else { BiasMode::Estimated };
         let input = XkfInput {
             dt_s: dt,
-            angular_rate_body: s.angular_rate_body,
-            specific_force_body: s.specific_force_body,
+            angular_rate_body: s.angular_rate.raw(),
+            specific_force_body: s.specific_force.raw(),
             gravity_ned: place.gravity_ned,
             earth_rate_ned: place.earth_rate_ned,
         };
@@ -138,7 +138,7 @@ impl Navigator {
         Some(SecondOpinion {
             r_body_to_ned: r,
             gyro_bias: state.gyro_bias,
-            acceleration_ned: r * (s.specific_force_body - state.accel_bias) + place.gravity_ned,
+            acceleration_ned: r * (s.specific_force.raw() - state.accel_bias) + place.gravity_ned,
         })
     }
 

@@ -7,7 +7,7 @@ use super::models::{
 };
 use super::scenario::Scenario;
 use super::trajectory::{Trajectory, Truth};
-use crate::geo::LocalNed;
+use crate::geo::{Body, LocalNed};
 use crate::sample::{
     AirspeedSample, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
     RangeDirection, RangeSample, Sample,
@@ -266,8 +266,8 @@ impl Reading {
         let time = self.time;
         let imu = ImuSample {
             time,
-            angular_rate_body: self.imu.measured.angular_rate,
-            specific_force_body: self.imu.measured.specific_force,
+            angular_rate: Body::new(self.imu.measured.angular_rate),
+            specific_force: Body::new(self.imu.measured.specific_force),
         };
         let range = |distance_m| RangeSample {
             time,
@@ -278,7 +278,7 @@ impl Reading {
         };
         Samples([
             Some(Sample::Imu(imu)),
-            self.field_body.map(|field_body| Sample::Mag(MagSample { time, sensor: 0, field_body })),
+            self.field_body.map(|field| Sample::Mag(MagSample { time, sensor: 0, field: Body::new(field) })),
             self.barometer
                 .map(|b| Sample::Pressure(PressureSample { time, sensor: 0, pressure_pa: b.pressure_pa })),
             self.range_m.map(|d| Sample::Range(range(d))),

@@ -190,8 +190,8 @@ pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
 }
 
 fn highres_imu(s: &ImuSample) -> Option<MavMessage> {
-    let [xgyro, ygyro, zgyro] = triple(&s.angular_rate_body)?;
-    let [xacc, yacc, zacc] = triple(&s.specific_force_body)?;
+    let [xgyro, ygyro, zgyro] = triple(&s.angular_rate.raw())?;
+    let [xacc, yacc, zacc] = triple(&s.specific_force.raw())?;
     use apm::HighresImuUpdatedFlags as Flag;
     Some(MavMessage::HIGHRES_IMU(apm::HIGHRES_IMU_DATA {
         time_usec: boot_usec(s.time)?,
@@ -219,7 +219,8 @@ fn highres_imu(s: &ImuSample) -> Option<MavMessage> {
 }
 
 fn add_field(imu: &mut apm::HIGHRES_IMU_DATA, s: &MagSample) {
-    let (Some([x, y, z]), Some(time)) = (triple(&(s.field_body * GAUSS_PER_TESLA)), boot_usec(s.time)) else {
+    let (Some([x, y, z]), Some(time)) = (triple(&(s.field.raw() * GAUSS_PER_TESLA)), boot_usec(s.time))
+    else {
         return;
     };
     if time != imu.time_usec {
@@ -346,7 +347,7 @@ fn vfr_hud(airspeed_mps: f64) -> Option<MavMessage> {
 fn landing_target(s: &LandmarkSample) -> Option<MavMessage> {
     let (angles, distance, position) = match s.sighting {
         Sighting::Bearing { angle_xy, distance_m } => (angle_xy, distance_m.unwrap_or_default(), None),
-        Sighting::Body(p) => ([0.0; 2], p.norm(), Some(p)),
+        Sighting::Body(p) => ([0.0; 2], p.raw().norm(), Some(p.raw())),
     };
     let [x, y, z] = triple(&position.unwrap_or_default())?;
     Some(MavMessage::LANDING_TARGET(apm::LANDING_TARGET_DATA {
@@ -415,8 +416,8 @@ mod tests {
     fn imu(time: AutopilotTime) -> Sample {
         Sample::Imu(ImuSample {
             time,
-            angular_rate_body: Vector3::new(0.1, -0.2, 0.3),
-            specific_force_body: Vector3::new(0.5, 0.0, -9.8),
+            angular_rate: Body::new(Vector3::new(0.1, -0.2, 0.3)),
+            specific_force: Body::new(Vector3::new(0.5, 0.0, -9.8)),
         })
     }
 
@@ -444,7 +445,8 @@ mod tests {
 
     #[test]
     fn a_field_goes_into_the_inertial_message_of_its_time_only() {
-        let mag = Sample::Mag(MagSample { time: TIME, sensor: 0, field_body: Vector3::new(2e-5, 0.0, 4e-5) });
+        let mag =
+            Sample::Mag(MagSample { time: TIME, sensor: 0, field: Body::new(Vector3::new(2e-5, 0.0, 4e-5)) });
         let flags = |all: &[Sample]| {
             messages(all)
                 .iter()

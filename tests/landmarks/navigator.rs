@@ -4,7 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use crate::sound;
 use holdover::config::{Settings, Sources};
-use holdover::geo::{CameraMount, CameraToBody};
+use holdover::geo::{Body, CameraMount, CameraToBody};
 use holdover::landmark::{LandmarkCamera, LandmarkSettings};
 use holdover::navigator::Navigator;
 use holdover::navigator::event::{Event, What};
@@ -320,9 +320,9 @@ fn what_cannot_be_is_told_and_does_no_harm() {
             3 => LandmarkSample { sighting: angles(f64::NAN), ..s },
             4 => LandmarkSample { sighting: angles(1.4), ..s },
             5 => s,
-            6 => LandmarkSample { sighting: Sighting::Body(Vector3::repeat(f64::INFINITY)), ..s },
+            6 => LandmarkSample { sighting: Sighting::Body(Body::new(Vector3::repeat(f64::INFINITY))), ..s },
             7 => LandmarkSample { time: AutopilotTime::from_micros(i64::MAX / 2), ..s },
-            _ => LandmarkSample { sighting: Sighting::Body(Vector3::zeros()), ..s },
+            _ => LandmarkSample { sighting: Sighting::Body(Body::new(Vector3::zeros())), ..s },
         });
     });
     f.assert_carried(0.3);
@@ -417,7 +417,7 @@ fn the_camera_may_tell_positions_and_look_anywhere() {
     };
     let f = fly(Some(LandmarkSetup { cameras, ..surveyed() }), &[], |_, s, out| {
         let p = in_body(&at(s.time), s.id);
-        let sighting = Sighting::Body(p * (1.0 + 0.02 * f64::from(s.id % 3) - 0.02));
+        let sighting = Sighting::Body(Body::new(p) * (1.0 + 0.02 * f64::from(s.id % 3) - 0.02));
         out.push(LandmarkSample { sighting, ..s });
         out.push(LandmarkSample { camera: 101, sighting, ..s });
     });

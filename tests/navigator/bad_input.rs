@@ -3,6 +3,7 @@
 
 use crate::flown::{LOST_S, PERIOD_S, Ready, Step, moved, ready_rotor, ready_wing};
 use crate::sound::check_form;
+use holdover::geo::Body;
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::Mode;
 use holdover::navigator::verdict::Reason;
@@ -188,9 +189,11 @@ fn a_clipped_imu_is_owned_up_to() {
                     if let Sample::Imu(imu) = &mut s
                         && t < FAULT_S + seconds
                     {
-                        let clip = |v: &mut Vector3<f64>, most: f64| v.apply(|c| *c = c.clamp(-most, most));
-                        clip(&mut imu.angular_rate_body, rate);
-                        clip(&mut imu.specific_force_body, force);
+                        let clip = |v: &mut Body<Vector3<f64>>, most: f64| {
+                            *v = Body::new(v.raw().map(|c| c.clamp(-most, most)));
+                        };
+                        clip(&mut imu.angular_rate, rate);
+                        clip(&mut imu.specific_force, force);
                     }
                     out.push(s);
                 };
@@ -212,8 +215,8 @@ fn an_imu_at_its_limits_is_owned_up_to() {
                         && t < FAULT_S + seconds
                     {
                         // 2000 °/s and 16 g, as sensors have them.
-                        imu.angular_rate_body = Vector3::new(34.9, -34.9, 34.9);
-                        imu.specific_force_body = Vector3::new(157.0, 157.0, -157.0);
+                        imu.angular_rate = Body::new(Vector3::new(34.9, -34.9, 34.9));
+                        imu.specific_force = Body::new(Vector3::new(157.0, 157.0, -157.0));
                     }
                     out.push(s);
                 };
@@ -257,7 +260,9 @@ fn a_disturbed_magnetometer_does_not_take_the_position_along() {
                     if let Sample::Mag(m) = &mut s
                         && t < FAULT_S + 30.0
                     {
-                        m.field_body[axis] += 20e-6;
+                        let mut disturbance = Vector3::zeros();
+                        disturbance[axis] = 20e-6;
+                        m.field = m.field + Body::new(disturbance);
                     }
                     out.push(s);
                 };

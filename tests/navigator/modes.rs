@@ -3,7 +3,7 @@
 
 use holdover::config::{Settings, Sources};
 use holdover::geo::so3;
-use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
+use holdover::geo::{Body, Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
 use holdover::navigator::Navigator;
 use holdover::navigator::event::What;
 use holdover::navigator::solution::{Carrier, Mode, Solution};
@@ -73,13 +73,13 @@ fn fly(flight: &Flight<'_>, duration_s: f64, overrides: &[&str]) -> Log {
         let imu = noisy.imu(&environment.imu(flight.trajectory, t - step, t), step);
         let imu = ImuSample {
             time: at(t),
-            angular_rate_body: imu.angular_rate,
-            specific_force_body: imu.specific_force,
+            angular_rate: Body::new(imu.angular_rate),
+            specific_force: Body::new(imu.specific_force),
         };
         log.navigator.ingest(&Sample::Imu(imu));
         if k % 2 == 0 {
-            let field_body = noisy.magnetometer(&environment, &truth);
-            log.navigator.ingest(&Sample::Mag(MagSample { time: at(t), sensor: 0, field_body }));
+            let field = Body::new(noisy.magnetometer(&environment, &truth));
+            log.navigator.ingest(&Sample::Mag(MagSample { time: at(t), sensor: 0, field }));
         }
         if k % 4 == 0 {
             let height = origin.height_m - noisy.altitude_down(&truth);
@@ -449,8 +449,8 @@ fn a_hole_in_the_imu_ends_the_solution_and_a_reboot_begins_anew() {
     assert_eq!(log.navigator.mode(), Mode::Aided);
     let imu = ImuSample {
         time: at(62.0),
-        angular_rate_body: Vector3::zeros(),
-        specific_force_body: Vector3::new(0.0, 0.0, -9.8),
+        angular_rate: Body::new(Vector3::zeros()),
+        specific_force: Body::new(Vector3::new(0.0, 0.0, -9.8)),
     };
     log.navigator.ingest(&Sample::Imu(imu));
     assert_eq!(log.navigator.mode(), Mode::Aligning);

@@ -2,7 +2,7 @@
 
 use holdover::camera::{View, ground_point, interaction_matrix};
 use holdover::config::{Settings, Sources};
-use holdover::geo::{CameraMount, Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
+use holdover::geo::{Body, CameraMount, Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::{Carrier, Mode};
 use holdover::navigator::verdict::{Reason, Verdict};
@@ -74,12 +74,12 @@ fn fly(
         let imu = noisy.imu(&environment.imu(&trajectory, t - 0.01, t), 0.01);
         navigator.ingest(&Sample::Imu(ImuSample {
             time: at(t),
-            angular_rate_body: imu.angular_rate,
-            specific_force_body: imu.specific_force,
+            angular_rate: Body::new(imu.angular_rate),
+            specific_force: Body::new(imu.specific_force),
         }));
         if k % 4 == 0 {
-            let field_body = noisy.magnetometer(&environment, &truth);
-            navigator.ingest(&Sample::Mag(MagSample { time: at(t), sensor: 0, field_body }));
+            let field = Body::new(noisy.magnetometer(&environment, &truth));
+            navigator.ingest(&Sample::Mag(MagSample { time: at(t), sensor: 0, field }));
             let height = origin.height_m - truth.position_ned.z;
             let pressure_pa = 101_325.0 * (1.0 - height * 0.0065 / 288.15).powf(1.0 / 0.190_263);
             navigator.ingest(&Sample::Pressure(PressureSample { time: at(t), sensor: 0, pressure_pa }));

@@ -65,11 +65,11 @@ fn assert_same(sent: &Sample, heard: &Sample, frame: &LocalNed) {
     let float = |a: f64, b: f64, what: &str| close(a, b, 1e-6 * a.abs().max(1e-4), what, t);
     match (sent, heard) {
         (Sample::Imu(a), Sample::Imu(b)) => (0..3).for_each(|i| {
-            float(a.angular_rate_body[i], b.angular_rate_body[i], "gyro");
-            float(a.specific_force_body[i], b.specific_force_body[i], "accelerometer");
+            float(a.angular_rate.raw()[i], b.angular_rate.raw()[i], "gyro");
+            float(a.specific_force.raw()[i], b.specific_force.raw()[i], "accelerometer");
         }),
         (Sample::Mag(a), Sample::Mag(b)) => {
-            (0..3).for_each(|i| close(a.field_body[i], b.field_body[i], 1e-11, "field", t));
+            (0..3).for_each(|i| close(a.field.raw()[i], b.field.raw()[i], 1e-11, "field", t));
         }
         (Sample::Pressure(a), Sample::Pressure(b)) => {
             close(a.pressure_pa, b.pressure_pa, 0.01, "pressure", t)

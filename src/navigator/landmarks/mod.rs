@@ -13,7 +13,6 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::geo::Body;
 use crate::landmark::{
     BodyMotion, LandmarkFilter, LandmarkMap, LandmarkSighting, MotionVerdict, PoseGuess, Seen,
     SightingVerdict,
@@ -145,7 +144,7 @@ impl Navigator {
         let time = s.time - Span::from_seconds(delay_s);
         let seen = match s.sighting {
             Sighting::Bearing { angle_xy, distance_m } => Seen::Angles { angle_xy, distance_m },
-            Sighting::Body(p) => Seen::InBody(Body::new(p)),
+            Sighting::Body(p) => Seen::InBody(p),
         };
         let Some(filter) = &sense.filter else { return Verdict::Rejected(Reason::NoReferenceYet) };
         let blind = sense.seen_at.is_none_or(|t| filter.time().seconds_since(t) > BLIND_S);

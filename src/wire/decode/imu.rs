@@ -3,7 +3,7 @@
 use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::Vector3;
 
-use crate::geo::STANDARD_GRAVITY_MPS2;
+use crate::geo::{Body, STANDARD_GRAVITY_MPS2};
 use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
 use crate::time::AutopilotTime;
 
@@ -103,7 +103,9 @@ impl Decoder {
         }
         let used = self.imu.take(rank, time);
         if used {
-            out.push(Input::Sample(Sample::Imu(ImuSample { time, angular_rate_body, specific_force_body })));
+            let (angular_rate, specific_force) =
+                (Body::new(angular_rate_body), Body::new(specific_force_body));
+            out.push(Input::Sample(Sample::Imu(ImuSample { time, angular_rate, specific_force })));
         }
         Ok(used)
     }
@@ -130,6 +132,6 @@ fn magnetic(time: AutopilotTime, sensor: u8, field_body: Vector3<f64>, out: Out<
         // Before its first measurement a magnetometer is reported as zero: no news, not a fault.
         return if field_body == Vector3::zeros() { Ok(()) } else { Err(Cause::Absurd) };
     }
-    out.push(Input::Sample(Sample::Mag(MagSample { time, sensor, field_body })));
+    out.push(Input::Sample(Sample::Mag(MagSample { time, sensor, field: Body::new(field_body) })));
     Ok(())
 }
