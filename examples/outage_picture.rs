@@ -57,7 +57,7 @@ fn point(runner: &Runner, truth: &TruthState) -> Option<Point> {
     let solution = runner.solution().filter(|s| s.mode != Mode::Aligning)?;
     let true_ned = runner.pipeline.navigator.frame()?.to_ned(&truth.position?);
     let dt = truth.time.seconds_since(solution.time);
-    let ned = solution.position_ned + solution.velocity_ned * dt;
+    let ned = (solution.position + solution.velocity * dt).raw();
     Some(Point {
         t_s: runner.seconds(truth.time),
         truth: (true_ned.x, true_ned.y),
