@@ -12,7 +12,7 @@ use holdover::camera::{
 use holdover::geo::CameraMount;
 use holdover::geo::so3::{self, Euler};
 use nalgebra::{Matrix3, Vector2, Vector3};
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 

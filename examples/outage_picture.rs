@@ -10,12 +10,16 @@ use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anyhow::{Result, bail};
 use clap::Parser;
-use holdover::cli::{ConfigArgs, Failure, replay::parse_interval};
 use holdover::navigator::solution::Mode;
 use holdover::replay::log::Log;
 use holdover::replay::runner::{self, Runner};
 use holdover::sample::{Input, Reference, TruthState};
+
+#[path = "../tests/support/args.rs"]
+mod args;
+use args::{SettingsArgs, interval};
 
 /// Seconds between two points of a line.
 const PERIOD_S: f64 = 0.5;
@@ -29,11 +33,11 @@ struct Args {
     /// Telemetry log (.tlog) with the simulator's truth
     log: PathBuf,
     /// Withhold GNSS from A to B, seconds since the first sample; may be given several times
-    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
+    #[arg(long, value_name = "A..B", value_parser = interval)]
     outage: Vec<(f64, f64)>,
     /// Settings
     #[command(flatten)]
-    settings: ConfigArgs,
+    settings: SettingsArgs,
 }
 
 /// Where the vehicle was, and where Holdover had it: north and east, m.
@@ -67,8 +71,8 @@ fn point(runner: &Runner, truth: &TruthState) -> Option<Point> {
     })
 }
 
-fn fly(args: &Args) -> Result<Vec<Point>, Failure> {
-    let settings = args.settings.load()?;
+fn fly(args: &Args) -> Result<Vec<Point>> {
+    let settings = args.settings.load(&[])?;
     let log = Log::open(&args.log, settings.system)?;
     let mut points: Vec<Point> = Vec::new();
     runner::run(
@@ -232,10 +236,10 @@ fn drawn(args: &Args, points: &[Point]) -> String {
     svg
 }
 
-fn run(args: &Args) -> Result<(), Failure> {
+fn run(args: &Args) -> Result<()> {
     let points = fly(args)?;
     if points.is_empty() {
-        return Err(Failure::Lacking(format!("{}: no truth beside a solution", args.log.display())));
+        bail!("{}: no truth beside a solution", args.log.display());
     }
     Ok(std::io::stdout().lock().write_all(drawn(args, &points).as_bytes())?)
 }
@@ -244,8 +248,8 @@ fn main() -> ExitCode {
     match run(&Args::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            let _ = writeln!(std::io::stderr(), "outage_picture: {failure}");
-            ExitCode::from(failure.exit_code())
+            let _ = writeln!(std::io::stderr(), "outage_picture: {failure:#}");
+            ExitCode::FAILURE
         }
     }
 }

@@ -26,6 +26,7 @@
 //! ```
 
 use nalgebra::Vector3;
+use strum::{IntoStaticStr, VariantArray};
 
 use crate::geo::{Body, BodyToNed, Geodetic, Ned};
 use crate::time::{AutopilotTime, ClockEvent, Span};
@@ -67,51 +68,41 @@ pub enum Sample {
 }
 
 /// Kinds of [`Sample`], for tables and counters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, IntoStaticStr, VariantArray)]
 pub enum SampleKind {
     /// See [`Sample::Imu`].
+    #[strum(serialize = "IMU")]
     Imu,
     /// See [`Sample::Mag`].
+    #[strum(serialize = "magnetometer")]
     Mag,
     /// See [`Sample::Gnss`].
+    #[strum(serialize = "GNSS")]
     Gnss,
     /// See [`Sample::Pressure`].
+    #[strum(serialize = "barometer")]
     Pressure,
     /// See [`Sample::Flow`].
+    #[strum(serialize = "optical flow")]
     Flow,
     /// See [`Sample::Range`].
+    #[strum(serialize = "rangefinder")]
     Range,
     /// See [`Sample::Airspeed`].
+    #[strum(serialize = "airspeed")]
     Airspeed,
     /// See [`Sample::Landmark`].
+    #[strum(serialize = "landmark")]
     Landmark,
 }
 
 impl SampleKind {
     /// All kinds, in the order they are shown.
-    pub const ALL: [SampleKind; 8] = [
-        SampleKind::Imu,
-        SampleKind::Mag,
-        SampleKind::Gnss,
-        SampleKind::Pressure,
-        SampleKind::Flow,
-        SampleKind::Range,
-        SampleKind::Airspeed,
-        SampleKind::Landmark,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// Name for tables.
-    pub const fn label(self) -> &'static str {
-        match self {
-            SampleKind::Imu => "IMU",
-            SampleKind::Mag => "magnetometer",
-            SampleKind::Gnss => "GNSS",
-            SampleKind::Pressure => "barometer",
-            SampleKind::Flow => "optical flow",
-            SampleKind::Range => "rangefinder",
-            SampleKind::Airspeed => "airspeed",
-            SampleKind::Landmark => "landmark",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 }
 

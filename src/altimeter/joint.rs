@@ -15,6 +15,7 @@
 //! at the place itself.
 
 use nalgebra::{SMatrix, SVector};
+use strum::IntoStaticStr;
 
 /// Number of states: h, w, a, four offsets, two fault biases.
 pub(super) const STATES: usize = 9;
@@ -29,15 +30,19 @@ const OFFSETS: usize = 3;
 const FAULTS: usize = 7;
 
 /// A source of heights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, IntoStaticStr)]
 pub enum Channel {
     /// The barometer's pressure altitude.
+    #[strum(serialize = "barometer")]
     Baro,
     /// The height of a GNSS fix.
+    #[strum(serialize = "GNSS height")]
     Gnss,
     /// Another barometer.
+    #[strum(serialize = "second barometer")]
     SecondBaro,
     /// The height over ground of a rangefinder.
+    #[strum(serialize = "rangefinder")]
     Range,
 }
 
@@ -51,13 +56,8 @@ impl Channel {
     }
 
     /// What it is, for people.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Channel::Baro => "barometer",
-            Channel::Gnss => "GNSS height",
-            Channel::SecondBaro => "second barometer",
-            Channel::Range => "rangefinder",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 
     /// The state that is this channel's offset.

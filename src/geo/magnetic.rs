@@ -6,7 +6,8 @@ use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_2, PI};
 use thiserror::Error;
 use world_magnetic_model::GeomagneticField;
-use world_magnetic_model::time::Date;
+use world_magnetic_model::time::util::days_in_year;
+use world_magnetic_model::time::{Date, OffsetDateTime};
 use world_magnetic_model::uom::si::angle::radian;
 use world_magnetic_model::uom::si::f32::{Angle, Length};
 use world_magnetic_model::uom::si::length::meter;
@@ -16,6 +17,10 @@ use world_magnetic_model::uom::si::magnetic_flux_density::nanotesla;
 const YEARS: (i32, i32) = (2020, 2029);
 /// Heights of validity, m.
 const HEIGHTS_M: (f64, f64) = (-1000.0, 850_000.0);
+
+/// A day and the mean year of the calendar, µs.
+const DAY_US: i64 = 86_400_000_000;
+const GREGORIAN_YEAR_US: f64 = 365.2425 * DAY_US as f64;
 
 /// Why there is no reference field.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
@@ -87,25 +92,12 @@ pub fn magnetic_field(position: &Geodetic, decimal_year: f64) -> Result<Ned<Vect
 
 /// Decimal year of a UTC time in microseconds since 1970 (MAVLink SYSTEM_TIME); leap years count, leap seconds do not.
 pub fn decimal_year_from_unix_us(unix_us: i64) -> f64 {
-    // Days since 0000-03-01, then the civil-from-days algorithm reduced to the year (Hinnant).
-    let days = unix_us.div_euclid(86_400_000_000);
-    let z = days + 719_468;
-    let era = z.div_euclid(146_097);
-    let doe = z.rem_euclid(146_097);
-    let yoe = (doe - doe / 1460 + doe / 36_524 - doe / 146_096) / 365;
-    let day_of_march_year = doe - (365 * yoe + yoe / 4 - yoe / 100);
-    // January and February belong to the next civil year.
-    let year = yoe + era * 400 + i64::from(day_of_march_year >= 306);
-    let start = days_before_year(year);
-    let length = days_before_year(year + 1) - start;
-    let into = days as f64 - start as f64 + unix_us.rem_euclid(86_400_000_000) as f64 / 86_400e6;
-    year as f64 + into / length as f64
-}
-
-/// Days from 1970-01-01 to January 1st of `year`.
-fn days_before_year(year: i64) -> i64 {
-    let y = year - 1;
-    365 * (year - 1970) + (y.div_euclid(4) - 492) - (y.div_euclid(100) - 19) + (y.div_euclid(400) - 4)
+    let Ok(date) = OffsetDateTime::from_unix_timestamp_nanos(i128::from(unix_us) * 1000) else {
+        // Beyond the year 9999 on either side.
+        return 1970.0 + unix_us as f64 / GREGORIAN_YEAR_US;
+    };
+    let days = f64::from(date.ordinal() - 1) + unix_us.rem_euclid(DAY_US) as f64 / DAY_US as f64;
+    f64::from(date.year()) + days / f64::from(days_in_year(date.year()))
 }
 
 fn date_of(decimal_year: f64) -> Option<Date> {
@@ -114,8 +106,7 @@ fn date_of(decimal_year: f64) -> Option<Date> {
     }
     let clamped = decimal_year.clamp(f64::from(YEARS.0), f64::from(YEARS.1) + 1.0 - 1e-9);
     let year = clamped.floor();
-    let leap = (year as i32) % 4 == 0; // within 2020 … 2029
-    let days = if leap { 366.0 } else { 365.0 };
+    let days = f64::from(days_in_year(year as i32));
     let ordinal = 1 + ((clamped - year) * days).floor().min(days - 1.0) as u16;
     Date::from_ordinal_date(year as i32, ordinal).ok()
 }

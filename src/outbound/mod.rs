@@ -8,10 +8,9 @@
 pub mod alignment;
 pub mod message;
 
-use std::str::FromStr;
-
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use strum::{Display, EnumString};
 
 use crate::navigator::solution::{Mode, Solution};
 use crate::sample::Reference;
@@ -43,8 +42,9 @@ pub enum Carriage {
 }
 
 /// How a kind of autopilot wants to be told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case", parse_err_ty = String, parse_err_fn = unknown_profile)]
 pub enum Profile {
     /// ArduPilot.
     Ardupilot,
@@ -52,15 +52,8 @@ pub enum Profile {
     Px4,
 }
 
-impl FromStr for Profile {
-    type Err = String;
-    fn from_str(s: &str) -> Result<Self, String> {
-        match s {
-            "ardupilot" => Ok(Profile::Ardupilot),
-            "px4" => Ok(Profile::Px4),
-            other => Err(format!("unknown profile \"{other}\": expected \"ardupilot\" or \"px4\"")),
-        }
-    }
+fn unknown_profile(name: &str) -> String {
+    format!("unknown profile \"{name}\": expected \"ardupilot\" or \"px4\"")
 }
 
 /// Settings of the output.

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::noise::{Dice, Stream};
+use super::noise::{SensorRng, Stream};
 use super::trajectory::{Trajectory, Truth};
 use crate::geo::so3::{exp, left_jacobian, log};
 use crate::geo::{Body, CameraMount};
@@ -20,10 +20,10 @@ pub struct MarkerField {
 impl MarkerField {
     /// Evenly spread over a square of ±`half_m` about the origin and up to `height_m` above the ground (0: coplanar).
     pub fn scattered(seed: u64, count: u8, half_m: f64, height_m: f64) -> Self {
-        let mut dice = Dice::new(seed, Stream::LandmarkStart);
+        let mut rng = SensorRng::new(seed, Stream::LandmarkStart);
         let mut marker = |id| {
-            let (n, e) = (dice.between(-half_m, half_m), dice.between(-half_m, half_m));
-            (id, Vector3::new(n, e, -dice.between(0.0, height_m)))
+            let (n, e) = (rng.between(-half_m, half_m), rng.between(-half_m, half_m));
+            (id, Vector3::new(n, e, -rng.between(0.0, height_m)))
         };
         Self { markers: (0..count).map(&mut marker).collect() }
     }
@@ -162,10 +162,10 @@ impl LandmarkFlight {
         [step_s, duration_s]: [f64; 2],
         seed: u64,
     ) -> Self {
-        let mut dice = Dice::new(seed, Stream::LandmarkMotion);
-        let velocity_bias = dice.signed3(&Vector3::from_element(noise.velocity_bias_mps));
-        let rate_bias = dice.signed3(&Vector3::from_element(noise.rate_bias_radps));
-        let mut eye = Dice::new(seed, Stream::Landmarks);
+        let mut rng = SensorRng::new(seed, Stream::LandmarkMotion);
+        let velocity_bias = rng.signed3(&Vector3::from_element(noise.velocity_bias_mps));
+        let rate_bias = rng.signed3(&Vector3::from_element(noise.rate_bias_radps));
+        let mut eye = SensorRng::new(seed, Stream::Landmarks);
         let count = (duration_s / step_s).round() as usize;
         let start = trajectory.at(0.0);
         let (mut before, mut steps, mut seen) = (start, Vec::with_capacity(count), Vec::new());
@@ -176,9 +176,9 @@ impl LandmarkFlight {
             let gravity = truth.r_body_to_ned.tr_mul(&Vector3::z());
             steps.push(LandmarkStep {
                 truth,
-                velocity_body: velocity + velocity_bias + noise.velocity_mps * dice.normals(),
-                angular_rate_body: rate + rate_bias + noise.rate_radps * dice.normals(),
-                down_body: (gravity + noise.gravity_rad * dice.normals()).normalize(),
+                velocity_body: velocity + velocity_bias + noise.velocity_mps * rng.normals(),
+                angular_rate_body: rate + rate_bias + noise.rate_radps * rng.normals(),
+                down_body: (gravity + noise.gravity_rad * rng.normals()).normalize(),
             });
             if k % camera.every.max(1) == 0 {
                 picture(&truth, field, camera, &mut eye, &mut seen);
@@ -202,18 +202,18 @@ pub(super) fn picture(
     truth: &Truth,
     field: &MarkerField,
     camera: &MarkerCamera,
-    dice: &mut Dice,
+    rng: &mut SensorRng,
     seen: &mut Vec<SeenLandmark>,
 ) {
-    let heard_s = truth.t_s + camera.delay_s + camera.jitter_s * dice.between(0.0, 1.0);
+    let heard_s = truth.t_s + camera.delay_s + camera.jitter_s * rng.between(0.0, 1.0);
     for (id, marker) in &field.markers {
         let in_body =
             Body::new(truth.r_body_to_ned.tr_mul(&(marker - truth.position_ned))) - camera.mount.lever_arm;
         let in_image = camera.mount.camera_to_body.to_camera(in_body).right_down_along();
         let direction = Vector3::from(in_image).normalize();
-        let noisy = (direction + camera.bearing_sigma_rad * dice.normals()).normalize();
+        let noisy = (direction + camera.bearing_sigma_rad * rng.normals()).normalize();
         let (lost, wrong, other) =
-            (dice.chance(camera.dropout), dice.chance(camera.wrong_ids), dice.between(0.0, 1.0));
+            (rng.chance(camera.dropout), rng.chance(camera.wrong_ids), rng.between(0.0, 1.0));
         let angle_xy = [noisy.x.atan2(noisy.z), noisy.y.atan2(noisy.z)];
         let in_view = (0..2).all(|i| angle_xy[i].abs() <= camera.half_field_of_view_rad[i]);
         if lost || !in_view {
@@ -238,11 +238,11 @@ pub fn wrong_start(
     attitude_rad: Option<f64>,
     seed: u64,
 ) -> (Vector3<f64>, Matrix3<f64>) {
-    let mut dice = Dice::new(seed, Stream::LandmarkStart);
-    let axis = dice.normals().try_normalize(1e-9).unwrap_or_else(Vector3::z);
-    let any = dice.between(0.0, std::f64::consts::PI);
+    let mut rng = SensorRng::new(seed, Stream::LandmarkStart);
+    let axis = rng.normals().try_normalize(1e-9).unwrap_or_else(Vector3::z);
+    let any = rng.between(0.0, std::f64::consts::PI);
     let turn = exp(&(axis * attitude_rad.unwrap_or(any)));
-    (truth.position_ned + position_m * dice.normals(), turn * truth.r_body_to_ned)
+    (truth.position_ned + position_m * rng.normals(), turn * truth.r_body_to_ned)
 }
 
 #[cfg(test)]

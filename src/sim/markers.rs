@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::landmarks::{MarkerCamera, MarkerField, SeenLandmark, picture};
-use super::noise::{Dice, Stream};
+use super::noise::{SensorRng, Stream};
 use super::trajectory::{Trajectory, Truth};
 
 /// A marker may stand this far from its place in the grid, of the spacing: a regular grid looks the same from everywhere.
@@ -25,7 +25,7 @@ impl MarkerField {
         spacing_m: f64,
         seed: u64,
     ) -> Option<Self> {
-        let mut dice = Dice::new(seed, Stream::LandmarkStart);
+        let mut rng = SensorRng::new(seed, Stream::LandmarkStart);
         let (mut low, mut high) = (route.at(0.0).position_ned, route.at(0.0).position_ned);
         for k in 0..=(duration_s / LOOK_S) as u64 {
             let p = route.at(k as f64 * LOOK_S).position_ned;
@@ -40,10 +40,10 @@ impl MarkerField {
         for row in 0..rows as u32 {
             for column in 0..columns as u32 {
                 let mut place = |low: f64, n: u32| {
-                    low - MARGIN_M + spacing_m * (f64::from(n) + 0.5 + dice.between(-SCATTER, SCATTER))
+                    low - MARGIN_M + spacing_m * (f64::from(n) + 0.5 + rng.between(-SCATTER, SCATTER))
                 };
                 let (north, east) = (place(low.x, row), place(low.y, column));
-                let down = ground_down_m - dice.between(0.0, HIGHEST_M);
+                let down = ground_down_m - rng.between(0.0, HIGHEST_M);
                 let id = u8::try_from(markers.len()).ok()?;
                 markers.push((id, nalgebra::Vector3::new(north, east, down)));
             }
@@ -57,7 +57,7 @@ impl MarkerField {
 pub struct MarkerWatch {
     field: MarkerField,
     camera: MarkerCamera,
-    dice: Dice,
+    rng: SensorRng,
     steps: usize,
     on_the_way: VecDeque<SeenLandmark>,
 }
@@ -68,7 +68,7 @@ impl MarkerWatch {
         Self {
             field,
             camera,
-            dice: Dice::new(seed, Stream::Landmarks),
+            rng: SensorRng::new(seed, Stream::Landmarks),
             steps: 0,
             on_the_way: VecDeque::new(),
         }
@@ -79,7 +79,7 @@ impl MarkerWatch {
         self.steps += 1;
         if self.steps.is_multiple_of(self.camera.every.max(1)) {
             let mut seen = Vec::new();
-            picture(truth, &self.field, &self.camera, &mut self.dice, &mut seen);
+            picture(truth, &self.field, &self.camera, &mut self.rng, &mut seen);
             self.on_the_way.extend(seen);
         }
         let now_s = truth.t_s;

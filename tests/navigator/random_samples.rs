@@ -1,6 +1,6 @@
 //! Random samples at random times, in random order, between those of a flight: no panic, and what the navigator tells stays a solution.
 
-use crate::flown::{LOST_S, moved, ready_rotor, ready_wing};
+use crate::flight::{LOST_S, moved, ready_rotor, ready_wing};
 use crate::sound::check_form;
 use holdover::geo::{Body, Geodetic};
 use holdover::sample::{
@@ -59,7 +59,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
         prop::option::of(any::<u8>()),
     );
     let gnss = gnss.prop_map(move |((receiver, fix), position, velocity, (h, v, s), satellites)| {
-        let origin = ready_wing().flown.frame.origin();
+        let origin = ready_wing().flight.frame.origin();
         Sample::Gnss(GnssSample {
             time,
             receiver,
@@ -145,8 +145,8 @@ proptest! {
         acts in prop::collection::vec(act(), 1..120),
     ) {
         let ready = if start == 1 { ready_wing() } else { ready_rotor() };
-        let mut navigator = if start == 0 { crate::flown::navigator() } else { ready.navigator.clone() };
-        let mut steps = ready.flown.steps[ready.from..].iter();
+        let mut navigator = if start == 0 { crate::flight::navigator(&[]) } else { ready.navigator.clone() };
+        let mut steps = ready.flight.steps[ready.from..].iter();
         let mut now = Simulation::ap_time(LOST_S);
         let mut masked = false;
         for act in &acts {

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 /// See the module's documentation. Every move is a seventh-order polynomial with velocity, acceleration and jerk zero at both ends.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Hops {
+pub struct Waypoints {
     start: (Vector3<f64>, f64),
     moves: Vec<Move>,
     end_s: f64,
@@ -20,7 +20,7 @@ struct Move {
     to: (Vector3<f64>, f64),
 }
 
-impl Hops {
+impl Waypoints {
     /// Stands at a place in NED, m, with a heading, rad.
     pub(super) fn new(position_ned: Vector3<f64>, heading_rad: f64) -> Self {
         Self { start: (position_ned, heading_rad), moves: Vec::new(), end_s: 0.0, drag_per_s: 0.0 }
@@ -73,7 +73,7 @@ impl Hops {
     }
 }
 
-impl Trajectory for Hops {
+impl Trajectory for Waypoints {
     fn at(&self, t_s: f64) -> Truth {
         let zero = Vector3::zeros();
         match self.moves[..self.moves.partition_point(|m| m.from_s <= t_s)].last() {
