@@ -4,7 +4,9 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use holdover::altimeter::{Altimeter, AltimeterSettings, Channel, ErrorModel, Method, PublishedAltimeter};
+use holdover::altimeter::{
+    Altimeter, AltimeterMethod, AltimeterSettings, Channel, ErrorModel, PublishedAltimeter,
+};
 use holdover::sim::altimeter::{AltimeterRun, FaultCase, FaultSize, STEP_S};
 
 fn main() {
@@ -12,7 +14,8 @@ fn main() {
 }
 
 const CASES: [FaultCase; 2] = [FaultCase::FaultFree, FaultCase::BaroNoisyGpsBiased];
-const METHODS: [Method; 4] = [Method::Okf, Method::Rkf, Method::RkfJoseph, Method::Selector];
+const METHODS: [AltimeterMethod; 4] =
+    [AltimeterMethod::Okf, AltimeterMethod::Rkf, AltimeterMethod::RkfJoseph, AltimeterMethod::Selector];
 
 fn run(case: FaultCase) -> AltimeterRun {
     let size = FaultSize { bias_m: 20.0, variance_factor: 100.0 };
@@ -41,7 +44,7 @@ fn tolerant_step(bencher: Bencher<'_, '_>, case: FaultCase) {
 
 /// The same of a published one.
 #[divan::bench(args = METHODS, sample_count = 200, sample_size = 1)]
-fn published_step(bencher: Bencher<'_, '_>, method: Method) {
+fn published_step(bencher: Bencher<'_, '_>, method: AltimeterMethod) {
     let run = run(FaultCase::BaroNoisyGpsBiased);
     let begin = PublishedAltimeter::new(ErrorModel::table_1(), method);
     bencher.counter(ItemsCount::new(run.steps.len())).with_inputs(|| begin.clone()).bench_local_values(

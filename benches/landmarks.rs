@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use divan::Bencher;
 use holdover::landmark::{LandmarkFilter, LandmarkSettings, LandmarkSighting};
 use holdover::sim::landmarks::LandmarkStep;
-use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, Wander};
+use holdover::sim::{LandmarkFlight, MarkerCamera, MarkerField, MotionNoise, Wander};
 use marker_flight::{Case, motion, sighting, stamp};
 
 fn main() {
@@ -47,7 +47,7 @@ fn prepared(arrival: Arrival) -> &'static Prepared {
     static READY: [OnceLock<Prepared>; 2] = [OnceLock::new(), OnceLock::new()];
     READY[arrival as usize].get_or_init(|| {
         let jitter_s = if matches!(arrival, Arrival::Overtaking) { 0.2 } else { 0.0 };
-        let camera = LandmarkCamera { delay_s: 0.3, jitter_s, wrong_ids: 0.03, ..LandmarkCamera::downward() };
+        let camera = MarkerCamera { delay_s: 0.3, jitter_s, wrong_ids: 0.03, ..MarkerCamera::downward() };
         let case = Case {
             trajectory: &Wander::over_field(0.3),
             field: &MarkerField::scattered(7, 10, 4.0, 1.3),

@@ -2,15 +2,15 @@
 //! what they hold in service; the samples were simulated beforehand.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a benchmark that cannot go on has failed")]
 
-#[path = "../tests/support/flown.rs"]
-mod flown;
+#[path = "../tests/support/flight.rs"]
+mod flight;
 
 use std::cell::RefCell;
 use std::sync::OnceLock;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use flown::{Flown, Step};
+use flight::Step;
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::Mode;
 use holdover::sample::{Sample, SampleKind};
@@ -42,13 +42,15 @@ const AIDED: [Flight; 2] = [Flight::WingAided, Flight::RotorAided];
 const WINGS: [Flight; 2] = [Flight::WingAided, Flight::WingHoldover];
 
 impl Flight {
-    fn flown(self) -> &'static Flown {
-        static WING: OnceLock<Flown> = OnceLock::new();
-        static ROTOR: OnceLock<Flown> = OnceLock::new();
+    fn flown(self) -> &'static flight::Flight {
+        static WING: OnceLock<flight::Flight> = OnceLock::new();
+        static ROTOR: OnceLock<flight::Flight> = OnceLock::new();
         match self {
-            Flight::WingAided | Flight::WingHoldover => WING.get_or_init(|| flown::wing(PERIOD_S, TO_S, 1)),
+            Flight::WingAided | Flight::WingHoldover => {
+                WING.get_or_init(|| flight::Flight::wing(PERIOD_S, TO_S, 1))
+            }
             Flight::RotorAided | Flight::RotorHoldover => {
-                ROTOR.get_or_init(|| flown::rotor(PERIOD_S, TO_S, 1))
+                ROTOR.get_or_init(|| flight::Flight::rotor(PERIOD_S, TO_S, 1))
             }
         }
     }
@@ -62,7 +64,7 @@ impl Flight {
     fn ready(self) -> (Navigator, &'static [Step]) {
         let steps = &self.flown().steps;
         let at = steps.partition_point(|s| s.t_s < FROM_S);
-        let mut navigator = flown::navigator();
+        let mut navigator = flight::navigator(&[]);
         for step in &steps[..at] {
             self.step(&mut navigator, step);
         }

@@ -6,19 +6,22 @@
 //! in the table): the first one heard, counted from where the height was in the first five seconds after alignment. That is a reference
 //! where the barometer is the healthy source, and no more than a hint elsewhere.
 
-use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::{Context, Result};
 use clap::Parser;
 use holdover::altimeter::Fault;
-use holdover::cli::{ConfigArgs, Failure, replay::parse_interval};
 use holdover::replay::log::Log;
 use serde::Serialize;
 
+#[path = "../tests/support/args.rs"]
+mod args;
 #[path = "../tests/support/heights.rs"]
 mod heights;
+use args::{SettingsArgs, interval};
 use heights::{Heights, Told};
 
 const FILTERS: [&str; 5] = ["default", "okf", "rkf", "rkf_joseph", "selector"];
@@ -33,7 +36,7 @@ struct Args {
     #[arg(long, value_delimiter = ',', default_values = ["default", "okf"], value_parser = FILTERS)]
     filters: Vec<String>,
     /// Withhold GNSS from A to B, seconds since the first sample; may be given several times
-    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
+    #[arg(long, value_name = "A..B", value_parser = interval)]
     outage: Vec<(f64, f64)>,
     /// Print one JSON object
     #[arg(long)]
@@ -43,7 +46,7 @@ struct Args {
     out: Option<PathBuf>,
     /// Settings
     #[command(flatten)]
-    settings: ConfigArgs,
+    settings: SettingsArgs,
 }
 
 #[derive(Serialize)]
@@ -106,16 +109,14 @@ fn name(log: &Path) -> String {
     log.file_stem().unwrap_or(log.as_os_str()).to_string_lossy().into_owned()
 }
 
-fn fly(args: &Args, path: &Path, filter: &str) -> Result<Row, Failure> {
-    let mut config = args.settings.clone();
-    config.set.push(format!("height.filter={filter}"));
-    let settings = config.load()?;
+fn fly(args: &Args, path: &Path, filter: &str) -> Result<Row> {
+    let settings = args.settings.load(&[format!("height.filter={filter}")])?;
     let log = Log::open(path, settings.system)?;
     let flown = heights::fly(&log, &settings.pipeline, &args.outage, |_, item, heard| heard.push(item))?;
     let h = flown.finish();
     if let Some(dir) = &args.out {
         write_csv(dir, &format!("{}-{filter}.csv", name(path)), &h)
-            .map_err(|e| Failure::Other(format!("{}: {e}", dir.display())))?;
+            .with_context(|| dir.display().to_string())?;
     }
     Ok(Row {
         log: name(path),
@@ -132,14 +133,14 @@ fn fly(args: &Args, path: &Path, filter: &str) -> Result<Row, Failure> {
     })
 }
 
-fn write_csv(dir: &Path, name: &str, heights: &Heights) -> std::io::Result<()> {
+fn write_csv(dir: &Path, name: &str, heights: &Heights) -> csv::Result<()> {
     fs::create_dir_all(dir)?;
-    let mut file = BufWriter::new(File::create(dir.join(name))?);
-    writeln!(file, "t_s,published_m,sigma_m,reference_m")?;
+    let mut file = csv::Writer::from_path(dir.join(name))?;
+    file.write_record(["t_s", "published_m", "sigma_m", "reference_m"])?;
     for c in &heights.compared {
-        writeln!(file, "{:.3},{:.3},{:.3},{:.3}", c.t_s, c.published_m, c.sigma_m, c.reference_m)?;
+        file.write_record([c.t_s, c.published_m, c.sigma_m, c.reference_m].map(|v| format!("{v:.3}")))?;
     }
-    file.flush()
+    Ok(file.flush()?)
 }
 
 fn print(args: &Args, rows: &[Row]) -> std::io::Result<()> {
@@ -180,7 +181,7 @@ fn print(args: &Args, rows: &[Row]) -> std::io::Result<()> {
     Ok(())
 }
 
-fn run(args: &Args) -> Result<(), Failure> {
+fn run(args: &Args) -> Result<()> {
     let mut rows = Vec::new();
     for path in &args.logs {
         for filter in &args.filters {
@@ -194,8 +195,8 @@ fn main() -> ExitCode {
     match run(&Args::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            let _ = writeln!(std::io::stderr(), "altimeter_flights: {failure}");
-            ExitCode::from(failure.exit_code())
+            let _ = writeln!(std::io::stderr(), "altimeter_flights: {failure:#}");
+            ExitCode::FAILURE
         }
     }
 }

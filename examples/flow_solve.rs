@@ -6,12 +6,13 @@
 
 use clap::Parser;
 use holdover::camera::{
-    CameraMount, Feature, FlowRefusal, Method, SixSolution, SolveLimits, SolveNoise, VelocitySolution, View,
-    ground_point, solve_six, solve_velocity,
+    Feature, FlowRefusal, Method, SixSolution, SolveLimits, SolveNoise, VelocitySolution, View, ground_point,
+    solve_six, solve_velocity,
 };
+use holdover::geo::CameraMount;
 use holdover::geo::so3::{self, Euler};
 use nalgebra::{Matrix3, Vector2, Vector3};
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -69,7 +70,7 @@ impl Scene {
         let mut normal = || -> f64 { StandardNormal.sample(rng) };
         let middle = Euler::new(0.07 * normal(), 0.07 * normal(), 0.0).to_rotation();
         let half = self.focal_px * (0.5 * self.field_deg.to_radians()).tan();
-        let down = CameraMount::down();
+        let down = CameraMount::downward();
         let view_of = |r: &Matrix3<f64>, height| View::mounted(self.focal_px, &down, r, height);
         let view = view_of(&middle, self.height_m);
         let mut tracks = Vec::with_capacity(self.features);

@@ -4,7 +4,7 @@
 //!
 //! The parameters are those of the paper's Table 1, the truth is drawn from the model itself, the error is that of the estimated error of
 //! the inertial altitude, over all steps of all runs. Cases 0 to 5 are the paper's scenarios (600 steps of 0.5 s, faults on iterations 200
-//! to 400); the others are described at `holdover::sim::altimeter::FaultCase`. Filters and schemes: `holdover::altimeter::{Method, Scheme}`.
+//! to 400); the others are described at `holdover::sim::altimeter::FaultCase`. Filters and schemes: `holdover::altimeter::{AltimeterMethod, AltimeterScheme}`.
 //! The oracle is a joint filter that is told which channel is faulty and how, from when to when: a noisy one has its true variance, the
 //! bias of a biased one is an unknown constant. It and the project's own altimeter, `default`, use both channels in one filter: their `ibi` and
 //! `iig` are the same filter with the other channel missing.
@@ -18,6 +18,8 @@ use serde::Serialize;
 
 #[path = "../tests/support/altimeter/mod.rs"]
 mod altimeter;
+#[path = "../tests/support/jobs.rs"]
+mod jobs;
 use altimeter::{Filter, MonteCarlo, Outcome, SCHEMES};
 
 const DEFINITIONS: &str = "\
@@ -116,32 +118,14 @@ fn rows(size: FaultSize, case: FaultCase, filter: Filter, outcome: &Outcome) -> 
     SCHEMES.iter().enumerate().map(of_scheme).collect()
 }
 
-/// Every filter on every case, one thread a processor.
-fn run(args: &Args) -> Result<Vec<Row>, String> {
+/// Every filter on every case.
+fn run(args: &Args) -> Vec<Row> {
     let size = FaultSize { bias_m: args.bias, variance_factor: args.variance };
     let monte_carlo = MonteCarlo { seed: args.seed, runs: args.runs, size };
     let jobs: Vec<(FaultCase, Filter)> =
         FaultCase::ALL.iter().flat_map(|&c| Filter::ALL.iter().map(move |&f| (c, f))).collect();
-    let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut done: Vec<(usize, Vec<Row>)> = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..workers)
-            .map(|first| {
-                let jobs = &jobs;
-                scope.spawn(move || {
-                    let mine = jobs.iter().enumerate().skip(first).step_by(workers);
-                    mine.map(|(i, &(c, f))| (i, rows(size, c, f, &monte_carlo.outcome(c, f))))
-                        .collect::<Vec<_>>()
-                })
-            })
-            .collect();
-        threads.into_iter().map(|t| t.join()).collect::<Result<Vec<_>, _>>()
-    })
-    .map_err(|_| "a run was broken off".to_owned())?
-    .into_iter()
-    .flatten()
-    .collect();
-    done.sort_by_key(|(i, _)| *i);
-    Ok(done.into_iter().flat_map(|(_, rows)| rows).collect())
+    let done = jobs::all("cases", &jobs, |&(c, f)| rows(size, c, f, &monte_carlo.outcome(c, f)));
+    done.into_iter().flatten().collect()
 }
 
 fn print(args: &Args, rows: &[Row]) -> std::io::Result<()> {
@@ -202,10 +186,10 @@ fn print(args: &Args, rows: &[Row]) -> std::io::Result<()> {
 
 fn main() -> ExitCode {
     let args = Args::parse();
-    match run(&args).and_then(|rows| print(&args, &rows).map_err(|e| e.to_string())) {
+    match print(&args, &run(&args)) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            let _ = writeln!(std::io::stderr(), "paper_altimeter: {message}");
+        Err(e) => {
+            let _ = writeln!(std::io::stderr(), "paper_altimeter: {e}");
             ExitCode::FAILURE
         }
     }

@@ -8,8 +8,6 @@
 
 use std::io::Write;
 use std::process::ExitCode;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::Parser;
 use holdover::config::{Settings, Sources};
@@ -19,11 +17,12 @@ use holdover::navigator::settings::Estimator;
 use holdover::navigator::solution::Mode;
 use holdover::sample::{Airframe, Sample, VehicleStatus};
 use holdover::sim::{Scenario, SensorSuite, Simulation, Truth};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 #[path = "../tests/support/data_sheet.rs"]
 mod data_sheet;
+#[path = "../tests/support/jobs.rs"]
+mod jobs;
 use data_sheet::data_sheet;
 
 /// The order of the table.
@@ -80,9 +79,6 @@ struct Flown {
     velocity: NeesCount,
 }
 
-/// A job and what came of it.
-type Outcome = (usize, Result<Vec<Flown>, String>);
-
 #[derive(Serialize)]
 struct Row {
     imu: &'static str,
@@ -107,10 +103,10 @@ struct Pilot {
 impl Pilot {
     fn compare(&mut self, truth: &Truth, out: bool) {
         let Some(s) = self.navigator.solution().filter(|s| s.mode != Mode::Aligning) else { return };
-        let e_p = (s.position_ned - truth.position_ned).xy();
-        let e_v = (s.velocity_ned - truth.velocity_ned).xy();
-        let p = s.position_covariance.fixed_view::<2, 2>(0, 0).into_owned();
-        let v = s.velocity_covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        let e_p = (s.position.raw() - truth.position_ned).xy();
+        let e_v = (s.velocity.raw() - truth.velocity_ned).xy();
+        let p = s.position_covariance.raw().fixed_view::<2, 2>(0, 0).into_owned();
+        let v = s.velocity_covariance.raw().fixed_view::<2, 2>(0, 0).into_owned();
         if out {
             self.holdover.add(&e_p, &p);
             self.velocity.add(&e_v, &v);
@@ -182,8 +178,10 @@ fn fly(args: &Args, imu: &str, path: &str, seed: u64) -> Result<Vec<Flown>, Stri
     Ok(pilots
         .iter()
         .map(|p| {
-            let error =
-                p.navigator.solution().map_or(f64::NAN, |s| (s.position_ned - end.position_ned).xy().norm());
+            let error = p
+                .navigator
+                .solution()
+                .map_or(f64::NAN, |s| (s.position.raw() - end.position_ned).xy().norm());
             Flown {
                 drift_percent: 100.0 * error / distance,
                 holdover: p.holdover,
@@ -223,36 +221,9 @@ fn run(args: &Args) -> Result<Vec<Row>, String> {
         .flat_map(|i| PATHS.into_iter().filter(|p| wanted(&args.path, p)).map(move |p| (i, p)))
         .collect();
     let seeds: Vec<u64> = (args.seeds.0..=args.seeds.1).collect();
-    let jobs = cases.len() * seeds.len();
-    let bar = ProgressBar::new(jobs as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} flights {eta}") {
-        bar.set_style(style);
-    }
-    let next = AtomicUsize::new(0);
-    let flown: Mutex<Vec<Outcome>> = Mutex::new(Vec::new());
-    let workers = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.max(1));
-    std::thread::scope(|scope| {
-        for _ in 0..workers {
-            scope.spawn(|| {
-                loop {
-                    let job = next.fetch_add(1, Ordering::Relaxed);
-                    if job >= jobs {
-                        return;
-                    }
-                    let (imu, path) = cases[job / seeds.len()];
-                    let result = fly(args, imu, path, seeds[job % seeds.len()]);
-                    if let Ok(mut all) = flown.lock() {
-                        all.push((job, result));
-                    }
-                    bar.inc(1);
-                }
-            });
-        }
-    });
-    bar.finish_and_clear();
-    let mut flown = flown.into_inner().map_err(|_| "a flight was broken off".to_owned())?;
-    flown.sort_by_key(|(job, _)| *job);
-    let flights = flown.into_iter().map(|(_, f)| f).collect::<Result<Vec<_>, String>>()?;
+    let jobs: Vec<_> = cases.iter().flat_map(|case| seeds.iter().map(move |seed| (*case, *seed))).collect();
+    let flown = jobs::all("flights", &jobs, |((imu, path), seed)| fly(args, imu, path, *seed));
+    let flights = flown.into_iter().collect::<Result<Vec<_>, String>>()?;
     Ok(cases
         .iter()
         .zip(flights.chunks(seeds.len()))

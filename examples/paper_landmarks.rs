@@ -18,8 +18,8 @@ mod marker_flight;
 mod paper_vision;
 
 use clap::Parser;
-use holdover::landmark::riccati::Discount;
-use holdover::sim::{LandmarkCamera, MarkerField, MotionNoise, Wander};
+use holdover::landmark::Discount;
+use holdover::sim::{MarkerCamera, MarkerField, MotionNoise, Wander};
 use jobs::all;
 use marker_flight::{Case, Error, converged_at, ekf_errors, errors, rms};
 use paper_vision::{PaperRun, Point, least_gamma};
@@ -196,11 +196,11 @@ fn fly(c: &Conditions, seed: u64) -> [Option<(f64, Error)>; 3] {
     let case = Case {
         trajectory: &trajectory,
         field: &field,
-        camera: LandmarkCamera {
+        camera: MarkerCamera {
             delay_s: c.delay_ms * 1e-3,
             dropout: c.dropout,
             wrong_ids: c.wrong_ids,
-            ..LandmarkCamera::downward()
+            ..MarkerCamera::downward()
         },
         noise: MotionNoise::mems(),
         settings: Default::default(),

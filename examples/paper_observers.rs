@@ -7,15 +7,18 @@
 
 #![allow(clippy::print_stdout, reason = "the tables are what it is for")]
 
+#[path = "../tests/support/flight.rs"]
+mod flight;
 #[path = "../tests/support/jobs.rs"]
 mod jobs;
 #[path = "../tests/support/observing.rs"]
 mod observing;
 
 use clap::Parser;
+use flight::white;
 use holdover::observer::{FusiniParams, GripParams, Scheme, TranslationGains};
-use holdover::sim::scenario::Scenario;
-use holdover::sim::{FixedWing, NoiseLevels, Trajectory};
+use holdover::sim::models::ImuModel;
+use holdover::sim::{Scenario, Trajectory};
 use jobs::all;
 use observing::{FAST_S, Observer, Run, cessna, measure, run, wrong_by, wrong_yaw};
 use serde::Serialize;
@@ -230,8 +233,8 @@ fn start_up(starts: u64) -> Vec<StartRow> {
         ),
     ];
     let bands = [[0.0, 45.0], [45.0, 90.0], [90.0, 135.0], [135.0, 180.0], [180.0, 180.0]];
-    let circle = FixedWing::circle(300.0, 25.0, 120.0, 40.0, 70.0);
-    let eight = FixedWing::figure_eight(800.0, 400.0, 80.0, 150.0, 30.0, 50.0);
+    let circle = Scenario::circle(300.0, 25.0, 40.0);
+    let eight = Scenario::figure_eight();
     let mut jobs = Vec::new();
     for (_, _, observer) in &observers {
         for band in &bands {
@@ -239,11 +242,11 @@ fn start_up(starts: u64) -> Vec<StartRow> {
         }
     }
     let found = all("start-up", &jobs, |(observer, [low, high], k)| {
-        let trajectory: &(dyn Trajectory + Sync) = if k % 2 == 0 { &circle } else { &eight };
-        let levels = if k / 2 % 2 == 0 { NoiseLevels::tactical() } else { NoiseLevels::mems() };
+        let scenario = if k % 2 == 0 { &circle } else { &eight };
+        let suite = white(if k / 2 % 2 == 0 { ImuModel::tactical() } else { ImuModel::mems() });
         let angle = low + (high - low) * (*k as f64 + 0.5) / starts as f64;
-        let start = wrong_by(&trajectory.at(0.0).r_body_to_ned, angle, *k);
-        let points = run(&Run::new(trajectory, levels, *k, START_S), observer, observer, start);
+        let start = wrong_by(&scenario.at(0.0).r_body_to_ned, angle, *k);
+        let points = run(&Run::new(scenario, suite, *k, START_S), observer, observer, start);
         points.iter().find(|p| p.angle < FOUND_DEG.to_radians()).map_or(f64::INFINITY, |p| p.t)
     });
     let rows = observers.iter().flat_map(|(name, gated, _)| bands.iter().map(move |b| (*name, *gated, *b)));

@@ -3,10 +3,32 @@
 //! A [`Sample`] is what a sensor measured, in SI units and a named frame, stamped with the autopilot's clock. A [`Reference`] is
 //! simulator truth or the autopilot's own estimate: it may be compared with, drawn and (outbound) aligned to, but it has another
 //! type so that no filter can take it by accident: an autopilot's estimate contains what Holdover sent.
+//!
+//! ```
+//! use holdover::geo::Geodetic;
+//! use holdover::sample::{GnssFix, GnssSample, GroundVelocity, Sample, SampleKind};
+//! use holdover::time::AutopilotTime;
+//!
+//! let fix = GnssSample {
+//!     time: AutopilotTime::from_micros(12_000_000),
+//!     receiver: 0,
+//!     fix: GnssFix::ThreeD,
+//!     position: Some(Geodetic::from_degrees(63.4, 10.4, 150.0)),
+//!     ground_velocity: Some(GroundVelocity { speed_mps: 12.0, course_rad: 0.0 }),
+//!     horizontal_accuracy_m: Some(0.8),
+//!     vertical_accuracy_m: None,
+//!     speed_accuracy_mps: None,
+//!     satellites: Some(14),
+//! };
+//! assert!(fix.is_possible());
+//! assert!(!GnssSample { horizontal_accuracy_m: Some(f64::NAN), ..fix }.is_possible());
+//! assert_eq!(Sample::Gnss(fix).kind(), SampleKind::Gnss);
+//! ```
 
-use nalgebra::{Quaternion, Vector3};
+use nalgebra::Vector3;
+use strum::{IntoStaticStr, VariantArray};
 
-use crate::geo::wgs84::Geodetic;
+use crate::geo::{Body, BodyToNed, Geodetic, Ned};
 use crate::time::{AutopilotTime, ClockEvent, Span};
 
 /// What the core is given, in the order in which it came: everything that live flight, replay and simulation have in common.
@@ -16,7 +38,7 @@ pub enum Input {
     Sample(Sample),
     /// Truth or the autopilot's own estimate.
     Reference(Reference),
-    /// The origin of the autopilot's local frame; height above mean sea level.
+    /// The origin of the autopilot's local frame.
     Origin(Geodetic),
     /// What the vehicle is, and whether it is armed: when that changes.
     Status(VehicleStatus),
@@ -46,67 +68,57 @@ pub enum Sample {
 }
 
 /// Kinds of [`Sample`], for tables and counters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, IntoStaticStr, VariantArray)]
 pub enum SampleKind {
     /// See [`Sample::Imu`].
+    #[strum(serialize = "IMU")]
     Imu,
     /// See [`Sample::Mag`].
+    #[strum(serialize = "magnetometer")]
     Mag,
     /// See [`Sample::Gnss`].
+    #[strum(serialize = "GNSS")]
     Gnss,
     /// See [`Sample::Pressure`].
+    #[strum(serialize = "barometer")]
     Pressure,
     /// See [`Sample::Flow`].
+    #[strum(serialize = "optical flow")]
     Flow,
     /// See [`Sample::Range`].
+    #[strum(serialize = "rangefinder")]
     Range,
     /// See [`Sample::Airspeed`].
+    #[strum(serialize = "airspeed")]
     Airspeed,
     /// See [`Sample::Landmark`].
+    #[strum(serialize = "landmark")]
     Landmark,
 }
 
 impl SampleKind {
     /// All kinds, in the order they are shown.
-    pub const ALL: [SampleKind; 8] = [
-        SampleKind::Imu,
-        SampleKind::Mag,
-        SampleKind::Gnss,
-        SampleKind::Pressure,
-        SampleKind::Flow,
-        SampleKind::Range,
-        SampleKind::Airspeed,
-        SampleKind::Landmark,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// Name for tables.
-    pub const fn label(self) -> &'static str {
-        match self {
-            SampleKind::Imu => "IMU",
-            SampleKind::Mag => "magnetometer",
-            SampleKind::Gnss => "GNSS",
-            SampleKind::Pressure => "barometer",
-            SampleKind::Flow => "optical flow",
-            SampleKind::Range => "rangefinder",
-            SampleKind::Airspeed => "airspeed",
-            SampleKind::Landmark => "landmark",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 }
 
-/// Angular rate and specific force, body FRD. Whether the values are means over the last interval or instantaneous depends on
+/// Angular rate and specific force. Whether the values are means over the last interval or instantaneous depends on
 /// the stream: at 50 Hz and more the difference is below the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
     /// End of the sampling interval.
     pub time: AutopilotTime,
     /// Angular rate of the body relative to inertial space, rad/s.
-    pub angular_rate_body: Vector3<f64>,
+    pub angular_rate: Body<Vector3<f64>>,
     /// Specific force, m/s² (about −9.8 in z when level and at rest).
-    pub specific_force_body: Vector3<f64>,
+    pub specific_force: Body<Vector3<f64>>,
 }
 
-/// Magnetic field in body FRD.
+/// Magnetic field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MagSample {
     /// When it was measured.
@@ -114,7 +126,7 @@ pub struct MagSample {
     /// Which magnetometer.
     pub sensor: u8,
     /// Field, tesla.
-    pub field_body: Vector3<f64>,
+    pub field: Body<Vector3<f64>>,
 }
 
 /// What kind of fix a receiver says it has.
@@ -288,8 +300,8 @@ pub enum Sighting {
         /// Distance to the landmark, m.
         distance_m: Option<f64>,
     },
-    /// Position of the landmark relative to the vehicle, body FRD, m.
-    Body(Vector3<f64>),
+    /// Position of the landmark from the vehicle, m.
+    Body(Body<Vector3<f64>>),
 }
 
 impl Sample {
@@ -351,26 +363,26 @@ pub enum Reference {
     Attitude {
         /// When.
         time: AutopilotTime,
-        /// Rotation from body FRD to NED.
-        body_to_ned: Quaternion<f64>,
+        /// Attitude.
+        attitude: BodyToNed,
     },
-    /// The autopilot's position and velocity in NED at its own origin.
+    /// The autopilot's position and velocity at its own origin.
     Local {
         /// When.
         time: AutopilotTime,
         /// Position, m.
-        position_ned: Vector3<f64>,
+        position: Ned<Vector3<f64>>,
         /// Velocity, m/s.
-        velocity_ned: Vector3<f64>,
+        velocity: Ned<Vector3<f64>>,
     },
     /// The autopilot's position on the globe.
     Global {
         /// When.
         time: AutopilotTime,
-        /// Position; height above mean sea level.
+        /// Position.
         position: Geodetic,
         /// Velocity, m/s.
-        velocity_ned: Vector3<f64>,
+        velocity: Ned<Vector3<f64>>,
     },
 }
 
@@ -379,12 +391,12 @@ pub enum Reference {
 pub struct TruthState {
     /// When (SIM_STATE carries no time: the newest of the stream).
     pub time: AutopilotTime,
-    /// Rotation from body FRD to NED, if told.
-    pub body_to_ned: Option<Quaternion<f64>>,
-    /// Position, if told; height above mean sea level.
+    /// Attitude, if told.
+    pub attitude: Option<BodyToNed>,
+    /// Position, if told.
     pub position: Option<Geodetic>,
     /// Velocity, m/s, if told.
-    pub velocity_ned: Option<Vector3<f64>>,
+    pub velocity: Option<Ned<Vector3<f64>>>,
 }
 
 impl Reference {

@@ -6,14 +6,9 @@
 //! it: that is a choice, and the height follows GNSS then.
 
 use super::fault::{Change, Fault};
+use super::fault_tolerant::Altimeter;
 use super::joint::Channel;
-use super::tolerant::Altimeter;
-
-/// ½ D²/var from which on the barometer has drifted (5 σ), and below which it has not any more (2 σ).
-const DRIFTED: f64 = 12.5;
-const UNDRIFTED: f64 = 2.0;
-/// A barometer that drifts has an offset that walks by so many times what it does otherwise.
-const LOOSE: f64 = 5.0;
+use super::tuning::{DRIFTED, LOOSE, UNDRIFTED};
 
 /// What the barometer's offset is held against.
 #[derive(Clone, Copy, Debug)]

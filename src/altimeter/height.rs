@@ -1,35 +1,35 @@
 //! The altimeter that flies: the fault-tolerant one, or a published one for comparison.
 
 use super::fault::{Change, Health};
-use super::flown::FlownAltimeter;
-use super::ibig::Method;
+use super::fault_tolerant::{Altimeter, HeightVerdict};
 use super::joint::Channel;
-use super::model::ErrorModel;
+use super::published::AltimeterMethod;
+use super::published::BaselineAltimeter;
+use super::published::ErrorModel;
 use super::settings::AltimeterSettings;
-use super::tolerant::{Altimeter, HeightVerdict};
 
 /// Which altimeter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AltimeterKind {
     /// The fault-tolerant one.
-    Tolerant,
+    FaultTolerant,
     /// A published one, IBIG, with the parameters of [`ErrorModel::recorded`].
-    Published(Method),
+    Published(AltimeterMethod),
 }
 
 /// Either altimeter, as the navigator uses it. Heights are above the origin, up.
 #[derive(Clone, Debug)]
 pub enum HeightFilter {
     /// The fault-tolerant one.
-    Tolerant(Box<Altimeter>),
+    FaultTolerant(Box<Altimeter>),
     /// A published one.
-    Published(Box<FlownAltimeter>),
+    Published(Box<BaselineAltimeter>),
 }
 
 macro_rules! either {
     ($self:ident, $f:ident => $call:expr) => {
         match $self {
-            HeightFilter::Tolerant($f) => $call,
+            HeightFilter::FaultTolerant($f) => $call,
             HeightFilter::Published($f) => $call,
         }
     };
@@ -39,9 +39,9 @@ impl HeightFilter {
     /// An altimeter that waits for its first height.
     pub fn new(kind: AltimeterKind, settings: AltimeterSettings) -> Self {
         match kind {
-            AltimeterKind::Tolerant => Self::Tolerant(Box::new(Altimeter::new(settings))),
+            AltimeterKind::FaultTolerant => Self::FaultTolerant(Box::new(Altimeter::new(settings))),
             AltimeterKind::Published(method) => {
-                Self::Published(Box::new(FlownAltimeter::new(ErrorModel::recorded(), method)))
+                Self::Published(Box::new(BaselineAltimeter::new(ErrorModel::recorded(), method)))
             }
         }
     }
@@ -75,7 +75,7 @@ impl HeightFilter {
     /// `noise` is the noise density of that acceleration beyond the settings', m/s²/√Hz; the published altimeters have their own.
     pub fn predict(&mut self, dt: f64, accel_up: f64, noise: f64) {
         match self {
-            Self::Tolerant(f) => f.predict(dt, accel_up, noise),
+            Self::FaultTolerant(f) => f.predict(dt, accel_up, noise),
             Self::Published(f) => f.predict(dt, accel_up),
         }
     }
@@ -83,7 +83,7 @@ impl HeightFilter {
     /// The IMU was silent for `gap_s` seconds, over which the vertical acceleration was what it was but for `sigma`, m/s².
     pub fn blind(&mut self, gap_s: f64, sigma: f64) {
         match self {
-            Self::Tolerant(f) => f.blind(gap_s, sigma),
+            Self::FaultTolerant(f) => f.blind(gap_s, sigma),
             Self::Published(f) => f.predict(gap_s, 0.0),
         }
     }
@@ -98,7 +98,7 @@ impl HeightFilter {
         age_s: f64,
     ) -> Option<HeightVerdict> {
         match self {
-            Self::Tolerant(f) => Some(f.measure(channel, height_m, claimed_sigma_m, age_s)),
+            Self::FaultTolerant(f) => Some(f.measure(channel, height_m, claimed_sigma_m, age_s)),
             Self::Published(f) => f.measure(channel, height_m, age_s),
         }
     }
@@ -106,14 +106,14 @@ impl HeightFilter {
     /// What comes on a channel is another sensor's from now on.
     pub fn another(&mut self, channel: Channel) {
         match self {
-            Self::Tolerant(f) => f.another(channel),
+            Self::FaultTolerant(f) => f.another(channel),
             Self::Published(f) => f.another(channel),
         }
     }
 
     /// A channel's offset may change faster for now: it walks by `walk` m/√s over `dt` seconds.
     pub fn loosen(&mut self, channel: Channel, walk: f64, dt: f64) {
-        if let Self::Tolerant(f) = self {
+        if let Self::FaultTolerant(f) = self {
             f.loosen(channel, walk, dt);
         }
     }
@@ -121,7 +121,7 @@ impl HeightFilter {
     /// What a channel's health is; the published altimeters do not say.
     pub fn health(&self, channel: Channel) -> Health {
         match self {
-            Self::Tolerant(f) => f.health(channel),
+            Self::FaultTolerant(f) => f.health(channel),
             Self::Published(_) => Health::Unheard,
         }
     }
@@ -130,7 +130,7 @@ impl HeightFilter {
     /// altimeters do not say.
     pub fn disagreement(&self, channel: Channel, height_m: f64, sigma_m: f64) -> Option<f64> {
         match self {
-            Self::Tolerant(f) => f.disagreement(channel, height_m, sigma_m),
+            Self::FaultTolerant(f) => f.disagreement(channel, height_m, sigma_m),
             Self::Published(_) => None,
         }
     }
@@ -138,7 +138,7 @@ impl HeightFilter {
     /// What a channel's height is off by as a rule, m, and for how long it has been silent, s; the published altimeters do not say.
     pub fn standing(&self, channel: Channel) -> Option<(f64, f64)> {
         match self {
-            Self::Tolerant(f) => f.offset_m(channel).map(|offset| (offset, f.quiet_s(channel))),
+            Self::FaultTolerant(f) => f.offset_m(channel).map(|offset| (offset, f.quiet_s(channel))),
             Self::Published(_) => None,
         }
     }
@@ -146,7 +146,7 @@ impl HeightFilter {
     /// The oldest change that was not asked for yet.
     pub fn next_change(&mut self) -> Option<Change> {
         match self {
-            Self::Tolerant(f) => f.next_change(),
+            Self::FaultTolerant(f) => f.next_change(),
             Self::Published(_) => None,
         }
     }

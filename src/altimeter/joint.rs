@@ -15,6 +15,7 @@
 //! at the place itself.
 
 use nalgebra::{SMatrix, SVector};
+use strum::IntoStaticStr;
 
 /// Number of states: h, w, a, four offsets, two fault biases.
 pub(super) const STATES: usize = 9;
@@ -29,15 +30,19 @@ const OFFSETS: usize = 3;
 const FAULTS: usize = 7;
 
 /// A source of heights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, IntoStaticStr)]
 pub enum Channel {
     /// The barometer's pressure altitude.
+    #[strum(serialize = "barometer")]
     Baro,
     /// The height of a GNSS fix.
+    #[strum(serialize = "GNSS height")]
     Gnss,
     /// Another barometer.
+    #[strum(serialize = "second barometer")]
     SecondBaro,
     /// The height over ground of a rangefinder.
+    #[strum(serialize = "rangefinder")]
     Range,
 }
 
@@ -51,13 +56,8 @@ impl Channel {
     }
 
     /// What it is, for people.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Channel::Baro => "barometer",
-            Channel::Gnss => "GNSS height",
-            Channel::SecondBaro => "second barometer",
-            Channel::Range => "rangefinder",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 
     /// The state that is this channel's offset.
@@ -118,7 +118,7 @@ pub(super) struct Joint {
 
 /// A scalar measurement against the prediction.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Innovation {
+pub(super) struct HeightInnovation {
     /// y − H x, m.
     pub(super) value: f64,
     /// Its variance S = H P Hᵀ + R, m².
@@ -129,14 +129,14 @@ pub(super) struct Innovation {
 
 /// How states move over an interval: what the prediction and every sensitivity to a jump share.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Transition {
+pub(super) struct HeightTransition {
     dt: f64,
     kappa_dt: f64,
     keep_bias: f64,
     keep_offset: [f64; 4],
 }
 
-impl Transition {
+impl HeightTransition {
     /// x ← Φ x, without the input.
     pub(super) fn apply(&self, x: &mut [f64; STATES]) {
         let (h, w, a) = (x[HEIGHT], x[CLIMB], x[ACCEL_BIAS]);
@@ -162,9 +162,9 @@ impl Joint {
         Self { x: State::zeros(), p, inertial, offsets }
     }
 
-    pub(super) fn transition(&self, dt: f64) -> Transition {
+    pub(super) fn transition(&self, dt: f64) -> HeightTransition {
         let keep = |rate: f64| (1.0 - rate * dt).max(0.0);
-        Transition {
+        HeightTransition {
             dt,
             kappa_dt: self.inertial.gravity_gradient * dt,
             keep_bias: keep(self.inertial.accel_bias_rate),
@@ -174,7 +174,7 @@ impl Joint {
 
     /// (23)(27) over the transition's interval, with the integrals of the upward acceleration over it: Δv = ∫u, Δh = ∫∫u.
     /// `noise` is the squared noise density of that acceleration beyond the model's.
-    pub(super) fn predict(&mut self, phi: &Transition, delta_v: f64, delta_h: f64, noise: f64) {
+    pub(super) fn predict(&mut self, phi: &HeightTransition, delta_v: f64, delta_h: f64, noise: f64) {
         phi.apply(self.x.as_mut_slice().try_into().unwrap_or(&mut [0.0; STATES]));
         self.x[HEIGHT] += delta_h;
         self.x[CLIMB] += delta_v;
@@ -208,7 +208,7 @@ impl Joint {
     }
 
     /// What a channel's height `y` says against the prediction, with its noise variance `r`.
-    pub(super) fn innovation(&self, channel: Channel, y: f64, r: f64) -> Innovation {
+    pub(super) fn innovation(&self, channel: Channel, y: f64, r: f64) -> HeightInnovation {
         let (o, f) = (channel.offset(), channel.fault());
         let mut value = y - self.x[HEIGHT] - self.x[o];
         let mut ph = self.p.column(HEIGHT) + self.p.column(o);
@@ -220,11 +220,11 @@ impl Joint {
         if f != o {
             variance += ph[f];
         }
-        Innovation { value, variance, ph }
+        HeightInnovation { value, variance, ph }
     }
 
     /// (30)(31) with the consistent covariance, P ← (I − pKH)P(I − pKH)ᵀ + p²KRKᵀ = P − (2p − p²) K S Kᵀ. Returns the gain pK.
-    pub(super) fn update(&mut self, innovation: &Innovation, prob: f64) -> State {
+    pub(super) fn update(&mut self, innovation: &HeightInnovation, prob: f64) -> State {
         let gain = innovation.ph / innovation.variance;
         let taken = (2.0 - prob) * prob;
         self.x += gain * (prob * innovation.value);
@@ -241,11 +241,11 @@ impl Joint {
             self.p.ger(-1.0 / variance, &column, &column, 1.0);
         }
         self.x[state] = 0.0;
-        self.forget(state, 0.0);
+        self.decorrelate(state, 0.0);
     }
 
     /// A state is known this well from now on, and has nothing to do with the others.
-    pub(super) fn forget(&mut self, state: usize, variance: f64) {
+    pub(super) fn decorrelate(&mut self, state: usize, variance: f64) {
         self.p.row_mut(state).fill(0.0);
         self.p.column_mut(state).fill(0.0);
         self.p[(state, state)] = variance;

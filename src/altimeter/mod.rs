@@ -1,33 +1,33 @@
-//! Height from inertia, barometers, GNSS and a rangefinder: the fault-tolerant altimeter ([`tolerant`]), and the published ones.
+//! Height from inertia, barometers, GNSS and a rangefinder.
 //!
-//! [`published`], [`ibig`] and [`selector`] are the altimeters of Contreras and Hajiyev, "Robust Kalman filter-based fault-tolerant
-//! integrated baro-inertial-GPS altimeter", over the error model in [`model`].
+//! What flies is the fault-tolerant altimeter, [`Altimeter`]: one joint filter ([`joint`]) whose samples [`fault_tolerant`] guards, a bank of
+//! generalised likelihood ratios ([`glr_bank`]) that [`isolation`] reads, [`accommodation`] of what it finds, and two watches over what has
+//! no onset: [`noise_monitor`] and [`drift`]. [`published`] holds the altimeters of Contreras and Hajiyev, for comparison: they fly only
+//! where a configuration asks for them ([`AltimeterKind`]).
 
+mod accommodation;
 pub mod atmosphere;
-mod declared;
+mod channel_state;
 mod drift;
 mod fault;
-pub mod flown;
-pub mod height;
-pub mod ibig;
+mod fault_tolerant;
+mod glr_bank;
+mod height;
 mod isolation;
 mod joint;
-pub mod model;
-mod noise;
-mod onsets;
-pub mod probability;
+mod noise_monitor;
+mod probability;
 pub mod published;
-pub mod selector;
 mod settings;
-pub mod tolerant;
+mod tuning;
 
 pub use fault::{Change, Fault, Health};
-pub use flown::FlownAltimeter;
+pub use fault_tolerant::{Altimeter, HeightVerdict};
 pub use height::{AltimeterKind, HeightFilter};
-pub use ibig::{Estimate, Method, PublishedAltimeter, Scheme, StepReport, fuse};
 pub use joint::{Channel, InertialModel, OffsetModel};
-pub use model::{ErrorModel, stationary_sigma};
 pub use probability::normal_operation;
-pub use published::{Ibi, Iig, Innovation, PublishedFilter, Variant};
+pub use published::{
+    AltimeterMethod, AltimeterScheme, BaselineAltimeter, ChannelReport, ErrorModel, Estimate, Ibi, Iig,
+    PublishedAltimeter, PublishedFilter, Variant, WeightedInnovation, fuse, stationary_sigma,
+};
 pub use settings::{AltimeterSettings, ChannelSettings, DetectionSettings};
-pub use tolerant::{Altimeter, HeightVerdict};

@@ -1,7 +1,7 @@
 //! What the altimeter has to be told: models, noise and limits.
 
 use super::joint::{InertialModel, OffsetModel};
-use super::model::ErrorModel;
+use super::published::ErrorModel;
 
 /// One channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,7 @@ pub struct DetectionSettings {
     pub samples: u32,
     /// A fault has to last for this long, s: the errors of real sensors are not white.
     pub lasting_s: f64,
-    /// Onsets are looked for at this spacing, s …
+    /// GlrBank are looked for at this spacing, s …
     pub spacing_s: f64,
     /// … and over this time, s.
     pub window_s: f64,
@@ -52,32 +52,6 @@ pub struct AltimeterSettings {
     pub least_prob: f64,
     /// Fault detection.
     pub detection: DetectionSettings,
-}
-
-impl DetectionSettings {
-    /// Chosen on runs of the paper's scenarios (seeds other than those that are reported), for samples as its Td has them.
-    const fn paper(step_s: f64) -> Self {
-        Self {
-            ratio: 13.5,
-            margin: 4.0,
-            jump_cost: 2.0,
-            both_cost: 3.0,
-            noise_cost: 2.0,
-            climb_jump_mps: 0.0,
-            samples: 5,
-            lasting_s: 0.0,
-            spacing_s: step_s,
-            window_s: 80.0 * step_s,
-            bias_m: 30.0,
-            relief: 9.0,
-        }
-    }
-
-    /// For a vehicle's own sensors, whose noise is neither white nor Gaussian: with a larger log-likelihood ratio `ratio`, over a window
-    /// of `window_s`, s.
-    pub const fn recorded(ratio: f64, window_s: f64) -> Self {
-        Self { ratio, lasting_s: 0.4, spacing_s: 0.1, window_s, ..Self::paper(0.5) }
-    }
 }
 
 impl AltimeterSettings {

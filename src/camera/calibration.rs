@@ -202,7 +202,7 @@ impl FlowCalibration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{Rng, SeedableRng};
+    use rand::{RngExt, SeedableRng};
 
     fn settings() -> CalibrationSettings {
         CalibrationSettings {

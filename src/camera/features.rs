@@ -1,8 +1,7 @@
 //! Image features on flat ground: where they are, and how their images move (Fusini (4) and (5)).
 //!
-//! The **camera frame** is that of [`CameraMount`]: z along the optical axis, and with `r_body_to_camera` = I the axes are the body's. In
-//! the image r points to the right (+y of the camera) and s down (−x): r = l·y/z, s = −l·x/z, with l the focal length in the unit of r and
-//! s (pixels, or 1 for normalised coordinates).
+//! In the image r points to the right (+y of the [camera's frame](Camera)) and s down (−x): r = l·y/z, s = −l·x/z, with l the focal length
+//! in the unit of r and s (pixels, or 1 for normalised coordinates).
 //!
 //! The ground is flat and level, at `height_m` below the camera. With n the unit vector straight down in camera axes and d = [−s/l, r/l, 1]
 //! the ray of a pixel, the point is d·h/(n·d). For a camera along the body axes n = [−sinθ, sinφ cosθ, cosφ cosθ], which is (5) with
@@ -11,7 +10,7 @@
 use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, Vector2, Vector3};
 
 use super::refusal::FlowRefusal;
-use super::single_patch::CameraMount;
+use crate::geo::{Body, Camera, CameraMount};
 
 /// Rays that meet the ground flatter than this (cosine of the angle between ray and vertical) are called horizontal.
 const LEAST_INCIDENCE: f64 = 0.05;
@@ -51,7 +50,8 @@ impl View {
         r_body_to_ned: &Matrix3<f64>,
         height_m: f64,
     ) -> Self {
-        let down_camera = mount.r_body_to_camera * r_body_to_ned.row(2).transpose();
+        let down_body = Body::new(r_body_to_ned.row(2).transpose());
+        let down_camera = mount.camera_to_body.to_camera(down_body).raw();
         Self { focal_length, down_camera, height_m }
     }
 
@@ -86,7 +86,7 @@ pub fn ground_point(view: &View, image: &Vector2<f64>) -> Result<Vector3<f64>, F
     if !(view.focal_length > 0.0 && view.focal_length.is_finite()) {
         return Err(FlowRefusal::FocalLength(view.focal_length));
     }
-    let ray = Vector3::new(-image.y / view.focal_length, image.x / view.focal_length, 1.0);
+    let ray = Camera::ray(image.x / view.focal_length, image.y / view.focal_length).raw();
     let down = view.down_camera.dot(&ray);
     if down.is_nan() || down <= LEAST_INCIDENCE * ray.norm() {
         return Err(FlowRefusal::Horizon);
@@ -109,7 +109,7 @@ pub fn interaction_matrix(focal_length: f64, point_camera: &Vector3<f64>) -> Mat
 
 /// The flow that the rotation alone makes at [r, s], whatever the depth: −(the last three columns of M_j)·ω.
 pub fn rotational_flow(focal_length: f64, image: &Vector2<f64>, rate_camera: &Vector3<f64>) -> Vector2<f64> {
-    let ray = Vector3::new(-image.y / focal_length, image.x / focal_length, 1.0);
+    let ray = Camera::ray(image.x / focal_length, image.y / focal_length).raw();
     let columns: Matrix2x3<f64> = interaction_matrix(focal_length, &ray).fixed_columns::<3>(3).into_owned();
     -(columns * rate_camera)
 }
@@ -155,11 +155,10 @@ mod tests {
     fn a_mounted_camera_sees_down_where_its_mounting_turns_it() {
         let r = Euler::new(0.2, -0.1, 2.0).to_rotation();
         let plain = View::from_roll_pitch(1.0, 0.2, -0.1, 10.0);
-        let mounted = View::mounted(1.0, &CameraMount::down(), &r, 10.0);
+        let mounted = View::mounted(1.0, &CameraMount::downward(), &r, 10.0);
         assert!((plain.down_camera - mounted.down_camera).norm() < 1e-12);
         // A camera pitched against the body's pitch looks straight down again.
-        let level =
-            CameraMount { r_body_to_camera: so3::exp(&Vector3::new(0.0, 0.3, 0.0)), ..CameraMount::down() };
+        let level = CameraMount::turned(Euler::new(0.0, -0.3, 0.0), Body::new(Vector3::zeros()));
         let r = Euler::new(0.0, 0.3, -1.0).to_rotation();
         assert!(View::mounted(1.0, &level, &r, 10.0).tilt_rad() < 1e-9);
     }

@@ -1,7 +1,7 @@
 //! One centred patch of optical flow: two components of the body velocity.
 //!
-//! The **camera frame** has its z axis along the optical axis; flow and rotation angles are right-handed about its x and y axes, as in
-//! MAVLink's OPTICAL_FLOW_RAD. With `r_body_to_camera` = I the camera looks down and its axes are the body's.
+//! Flow and rotation angles are right-handed about the x and y axes of the [camera's frame](crate::geo::Camera), as in MAVLink's
+//! OPTICAL_FLOW_RAD.
 //!
 //! For a centred patch (x = y = 0) Fusini (3)-(4) becomes, per integration time Δt and distance d along the optical axis,
 //! v_x = d (i_y − g_y)/Δt, v_y = −d (i_x − g_x)/Δt: the flow less the rotation, times the distance. It does not see v_z.
@@ -10,32 +10,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
 use super::refusal::FlowRefusal;
-
-/// Where and how a camera sits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CameraMount {
-    /// Body → camera.
-    pub r_body_to_camera: Matrix3<f64>,
-    /// Position of the camera from the body's origin (the IMU), body axes, m.
-    pub lever_arm_body: Vector3<f64>,
-}
-
-impl CameraMount {
-    /// Looking down from the body's origin, image axes along the body's.
-    pub fn down() -> Self {
-        Self { r_body_to_camera: Matrix3::identity(), lever_arm_body: Vector3::zeros() }
-    }
-
-    /// The optical axis in body axes.
-    pub fn axis_body(&self) -> Vector3<f64> {
-        self.r_body_to_camera.row(2).transpose()
-    }
-
-    /// Cosine of the angle between the optical axis and straight down.
-    pub fn cos_tilt(&self, r_body_to_ned: &Matrix3<f64>) -> f64 {
-        (r_body_to_ned * self.axis_body()).z
-    }
-}
+use crate::geo::CameraMount;
 
 /// What one message about a patch says (OPTICAL_FLOW_RAD), SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,7 +87,7 @@ pub struct FlowVelocity {
     pub velocity_camera: Vector2<f64>,
     /// Their covariance, m²/s².
     pub covariance: Matrix2<f64>,
-    /// H: first two rows of `r_body_to_camera`, so that `velocity_camera` = H v_body.
+    /// H: the camera's x and y axes seen from the body, so that `velocity_camera` = H v_body.
     pub body_to_measurement: Matrix2x3<f64>,
     /// Distance along the optical axis that was used, m.
     pub distance_m: f64,
@@ -178,9 +153,9 @@ pub fn solve(
     if !(limits.min_distance_m..=limits.max_distance_m).contains(&distance) || distance <= 0.0 {
         return Err(FlowRefusal::Distance(distance));
     }
-    let h = mount.r_body_to_camera.fixed_rows::<2>(0).into_owned();
+    let h = mount.camera_to_body.matrix().fixed_columns::<2>(0).transpose();
     let camera = patch_velocity(&patch.flow_rad, &patch.rotation_rad, dt, distance);
-    let lever = h * patch.body_rate.cross(&mount.lever_arm_body);
+    let lever = h * patch.body_rate.cross(&mount.lever_arm.raw());
     let angular = (distance / dt).powi(2) * (noise.flow_rad.powi(2) + noise.rotation_rad.powi(2));
     let sigma_d2 = noise.distance_m.powi(2) + (noise.distance_fraction * distance).powi(2);
     let per_metre = camera / distance;
@@ -189,7 +164,7 @@ pub fn solve(
         covariance: Matrix2::identity() * angular + per_metre * per_metre.transpose() * sigma_d2,
         body_to_measurement: h,
         distance_m: distance,
-        axis_body: mount.axis_body(),
+        axis_body: mount.axis().raw(),
     })
 }
 
@@ -197,6 +172,7 @@ pub fn solve(
 mod tests {
     use super::*;
     use crate::geo::so3::{self, Euler};
+    use crate::geo::{Body, CameraToBody};
     use proptest::prelude::*;
 
     fn patch() -> FlowPatch {
@@ -212,7 +188,13 @@ mod tests {
     }
 
     fn solve_level(p: &FlowPatch) -> Result<FlowVelocity, FlowRefusal> {
-        solve(p, &CameraMount::down(), &Matrix3::identity(), &PatchLimits::default(), &PatchNoise::default())
+        solve(
+            p,
+            &CameraMount::downward(),
+            &Matrix3::identity(),
+            &PatchLimits::default(),
+            &PatchNoise::default(),
+        )
     }
 
     /// Flow of a ground point on the optical axis, from its motion in the camera frame: the truth the solver must invert.
@@ -225,8 +207,9 @@ mod tests {
     ) -> FlowPatch {
         let dt = 0.02;
         let d = height / mount.cos_tilt(r);
-        let w_camera = mount.r_body_to_camera * w;
-        let v_camera = mount.r_body_to_camera * (v_body + w.cross(&mount.lever_arm_body));
+        let w_camera = mount.camera_to_body.to_camera(Body::new(*w)).raw();
+        let v_camera =
+            mount.camera_to_body.to_camera(Body::new(v_body + w.cross(&mount.lever_arm.raw()))).raw();
         // A static point at [0, 0, d] moves with −v − ω × x; its direction turns with (−v_x/d − ω_y, −v_y/d + ω_x), and the angles about
         // x and y that the sensor integrates are those of the camera: i_x = ω_x − v_y/d, i_y = ω_y + v_x/d.
         FlowPatch {
@@ -247,14 +230,14 @@ mod tests {
             l in [-1.0..1.0, -1.0..1.0, -0.3..0.3f64], mounting in [-0.3..0.3, -0.3..0.3, -3.0..3.0f64],
             roll in -0.25..0.25f64, pitch in -0.25..0.25f64, height in 2.0..150.0f64) {
             let turned = so3::exp(&Vector3::new(mounting[0], mounting[1], 0.0)) * so3::exp(&Vector3::new(0.0, 0.0, mounting[2]));
-            let mount = CameraMount { r_body_to_camera: turned, lever_arm_body: Vector3::from(l) };
+            let mount = CameraMount { camera_to_body: CameraToBody::from_matrix(&turned), lever_arm: Body::new(Vector3::from(l)) };
             let r = Euler::new(roll, pitch, 1.0).to_rotation();
             let (v, w) = (Vector3::from(v), Vector3::from(w));
             let p = exact_patch(&mount, &r, &v, &w, height);
             let limits = PatchLimits { max_tilt_rad: 1.2, max_distance_m: 1e3, ..PatchLimits::default() };
             let out = solve(&p, &mount, &r, &limits, &PatchNoise::default()).unwrap();
             prop_assert!((out.velocity_camera - out.body_to_measurement * v).norm() < 1e-9);
-            prop_assert!((out.velocity_body(v.dot(&mount.axis_body())) - v).norm() < 1e-9);
+            prop_assert!((out.velocity_body(v.dot(&mount.axis().raw())) - v).norm() < 1e-9);
             prop_assert!(out.covariance.cholesky().is_some());
         }
 
@@ -276,7 +259,7 @@ mod tests {
             PatchNoise { flow_rad: 1e-3, rotation_rad: 5e-4, distance_m: 0.1, distance_fraction: 0.02 };
         let p = patch();
         let v = |p: &FlowPatch| {
-            solve(p, &CameraMount::down(), &Matrix3::identity(), &PatchLimits::default(), &noise).unwrap()
+            solve(p, &CameraMount::downward(), &Matrix3::identity(), &PatchLimits::default(), &noise).unwrap()
         };
         let base = v(&p);
         let sigma_d = (noise.distance_m.powi(2) + (0.02f64 * 20.0).powi(2)).sqrt();
@@ -318,7 +301,8 @@ mod tests {
         assert_eq!(solve_level(&nan), Err(FlowRefusal::NotFinite));
         for roll in [0.8, 3.0] {
             let r = Euler::new(roll, 0.0, 0.0).to_rotation();
-            let out = solve(&p, &CameraMount::down(), &r, &PatchLimits::default(), &PatchNoise::default());
+            let out =
+                solve(&p, &CameraMount::downward(), &r, &PatchLimits::default(), &PatchNoise::default());
             assert!(matches!(out, Err(FlowRefusal::Tilt(t)) if (t - roll).abs() < 1e-9));
         }
     }

@@ -13,7 +13,7 @@ use nalgebra::{Matrix2x3, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 use super::features::{Feature, View, ground_point, interaction_matrix};
 use super::refusal::FlowRefusal;
 use super::robust::{self, Huber, Prior, Ransac, Row};
-use super::single_patch::CameraMount;
+use crate::geo::CameraMount;
 
 /// How outliers are treated; thresholds are lengths of a feature's residual over [`SolveNoise::flow`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,10 +149,10 @@ impl VelocitySolution {
         mount: &CameraMount,
         rate_body: &Vector3<f64>,
     ) -> (Vector3<f64>, Matrix3<f64>) {
-        let r = &mount.r_body_to_camera;
+        let r = mount.camera_to_body.matrix();
         (
-            r.tr_mul(&self.velocity_camera) - rate_body.cross(&mount.lever_arm_body),
-            r.tr_mul(&self.covariance) * r,
+            r * self.velocity_camera - rate_body.cross(&mount.lever_arm.raw()),
+            r * self.covariance * r.transpose(),
         )
     }
 }
@@ -191,11 +191,11 @@ pub fn solve_six(
         return Err(FlowRefusal::Condition(condition));
     }
     let scaling = Matrix6::from_diagonal(&scale);
-    let inverse = (scaling * normal * scaling).cholesky().ok_or(FlowRefusal::Rank(5))?.inverse();
-    let inverse = scaling * inverse * scaling;
+    let factor = (scaling * normal * scaling).cholesky().ok_or(FlowRefusal::Rank(5))?;
+    let solve = |right: Vector6<f64>| scaling * factor.solve(&(scaling * right));
     // One step of refinement: the normal equations square the condition number.
-    let mut x = inverse * right;
-    x += inverse * (right - normal * x);
+    let mut x = solve(right);
+    x += solve(right - normal * x);
     let sum: f64 = features
         .iter()
         .filter_map(|f| {
@@ -206,7 +206,7 @@ pub fn solve_six(
     let freedom = (2 * used - 6) as f64;
     let residual_rms = (sum / (2 * used) as f64).sqrt();
     check_residual(residual_rms, noise, limits)?;
-    let mut covariance = inverse * variance(sum, freedom, noise.flow);
+    let mut covariance = scaling * factor.inverse() * scaling * variance(sum, freedom, noise.flow);
     let v = x.fixed_rows::<3>(0).into_owned();
     let along = v * (noise.height_m / view.height_m);
     let mut block = covariance.fixed_view_mut::<3, 3>(0, 0);

@@ -1,13 +1,13 @@
 //! `holdover evaluate`: outages slid over the airborne, moving part of logs, in one table.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::thread;
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
+use rayon::ThreadPoolBuilder;
+use rayon::prelude::*;
 use serde::Serialize;
-use std::io::IsTerminal;
 
 use crate::config::Settings;
 use crate::navigator::settings::Estimator;
@@ -101,39 +101,17 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What became of one job.
-type Swept = Result<Vec<Row>, LogError>;
-
 /// All jobs on some threads; rows in the order of the jobs.
 fn work(jobs: &[Job], args: &EvaluateArgs, bar: &ProgressBar) -> Result<Vec<Row>, Failure> {
-    let cores = thread::available_parallelism().map_or(1, usize::from);
-    let threads = if args.jobs == 0 { cores } else { args.jobs }.min(jobs.len()).max(1);
-    let next = Mutex::new(0usize);
-    let done: Mutex<Vec<Option<Swept>>> = Mutex::new(jobs.iter().map(|_| None).collect());
-    thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                loop {
-                    let i = match next.lock() {
-                        Ok(mut n) if *n < jobs.len() => {
-                            *n += 1;
-                            *n - 1
-                        }
-                        _ => return,
-                    };
-                    let result = one(&jobs[i], args);
-                    if let Ok(mut done) = done.lock() {
-                        done[i] = Some(result);
-                    }
-                    bar.inc(1);
-                }
-            });
-        }
-    });
-    let done = done.into_inner().map_err(|_| Failure::Other("a worker failed".into()))?;
+    let threads = ThreadPoolBuilder::new().num_threads(args.jobs).build();
+    let threads = threads.map_err(|e| Failure::Other(e.to_string()))?;
+    let in_parallel = || {
+        let jobs = jobs.par_iter().with_max_len(1).progress_with(bar.clone());
+        jobs.map(|job| one(job, args)).collect::<Vec<_>>()
+    };
     let mut rows = Vec::new();
-    for result in done.into_iter().flatten() {
-        rows.extend(result?);
+    for swept in threads.install(in_parallel) {
+        rows.extend(swept?);
     }
     Ok(rows)
 }

@@ -173,8 +173,8 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
         truncated: summary.truncated,
         reboots: summary.reboots,
         samples: SampleKind::ALL
-            .into_iter()
-            .map(|k| {
+            .iter()
+            .map(|&k| {
                 let s = &streams[k as usize];
                 KindReport {
                     kind: k.label(),

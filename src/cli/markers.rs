@@ -4,7 +4,7 @@ use clap::Args;
 
 use crate::geo::{Geodetic, LocalNed};
 use crate::sample::{LandmarkSample, Sample, Sighting};
-use crate::sim::{LandmarkCamera, MarkerField, Scenario, SeenLandmark, Simulation};
+use crate::sim::{MarkerCamera, MarkerField, Scenario, SeenLandmark, Simulation};
 use crate::wire::frame::{ComponentId, SystemId};
 use crate::wire::session::Address;
 
@@ -63,7 +63,7 @@ impl MarkerArgs {
     ///
     /// # Errors
     /// [`Failure::Usage`].
-    pub(super) fn camera(&self, step_s: f64) -> Result<LandmarkCamera, Failure> {
+    pub(super) fn camera(&self, step_s: f64) -> Result<MarkerCamera, Failure> {
         for (name, value, most) in [
             ("--camera-delay", self.camera_delay, 600.0),
             ("--wrong-ids", self.wrong_ids, 100.0),
@@ -74,14 +74,14 @@ impl MarkerArgs {
             }
         }
         let delay_s = self.camera_delay * 1e-3;
-        Ok(LandmarkCamera {
+        Ok(MarkerCamera {
             half_field_of_view_rad: [MARKER_VIEW_DEG.to_radians(); 2],
             every: (MARKER_PERIOD_S / step_s).round() as usize,
             delay_s,
             jitter_s: 0.5 * delay_s,
             dropout: self.lost_sightings * 0.01,
             wrong_ids: self.wrong_ids * 0.01,
-            ..LandmarkCamera::downward()
+            ..MarkerCamera::downward()
         })
     }
 }
@@ -97,7 +97,7 @@ pub(super) fn sighting(seen: &SeenLandmark) -> Sample {
 }
 
 /// The configuration that tells of the markers and of the camera.
-pub(super) fn to_toml(field: &MarkerField, camera: &LandmarkCamera, origin: &Geodetic) -> String {
+pub(super) fn to_toml(field: &MarkerField, camera: &MarkerCamera, origin: &Geodetic) -> String {
     let frame = LocalNed::new(*origin);
     let points = field.markers.iter().map(|(id, place)| {
         let g = frame.to_geodetic(place);
@@ -107,7 +107,7 @@ pub(super) fn to_toml(field: &MarkerField, camera: &LandmarkCamera, origin: &Geo
             g.height_m
         )
     });
-    let lever = camera.lever_body;
+    let lever = camera.mount.lever_arm.raw();
     let [x, y] = camera.half_field_of_view_rad.map(f64::to_degrees);
     format!(
         "[landmarks]\npoints = [\n{}]\ncameras = [\"component={} x_m={} y_m={} z_m={} half_x_deg={x:.1} half_y_deg={y:.1}\"]\n",

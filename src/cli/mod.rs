@@ -3,16 +3,17 @@
 #[macro_use]
 mod output;
 
-pub mod check;
-pub mod evaluate;
-pub mod inspect;
+mod check;
+mod evaluate;
+mod inspect;
 mod markers;
-pub mod replay;
-pub mod run;
-pub mod simulate;
+mod replay;
+mod run;
+mod simulate;
 mod table;
 
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
@@ -22,10 +23,10 @@ use crate::replay::log::LogError;
 /// Keeps a drone navigating when GNSS drops.
 #[derive(Debug, Parser)]
 #[command(name = "holdover", version, about, after_help = EXIT_CODES)]
-pub struct Cli {
+struct Cli {
     /// What to do.
     #[command(subcommand)]
-    pub command: Command,
+    command: Command,
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong command line or configuration, \
@@ -33,7 +34,7 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong command line or 
 
 /// The subcommands.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+enum Command {
     /// Navigate: listen to the autopilot, and tell it where it is when GNSS drops
     Run(run::RunArgs),
     /// Fly a log again: what Holdover would have done
@@ -50,13 +51,13 @@ pub enum Command {
 
 /// Where the settings come from.
 #[derive(Clone, Debug, Default, Args)]
-pub struct ConfigArgs {
+struct ConfigArgs {
     /// Configuration file (TOML); may be given several times, later ones override
     #[arg(long, short, value_name = "FILE")]
-    pub config: Vec<PathBuf>,
+    config: Vec<PathBuf>,
     /// Override one key, as in --set outbound.rate_hz=50; may be given several times
     #[arg(long, value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
+    set: Vec<String>,
 }
 
 impl ConfigArgs {
@@ -64,7 +65,7 @@ impl ConfigArgs {
     ///
     /// # Errors
     /// [`Failure::Config`].
-    pub fn load(&self) -> Result<Settings, Failure> {
+    fn load(&self) -> Result<Settings, Failure> {
         let sources =
             Sources { files: self.config.clone(), environment: environment(), overrides: self.set.clone() };
         Settings::load(&sources).map_err(Failure::Config)
@@ -78,7 +79,7 @@ fn environment() -> Vec<(String, String)> {
 
 /// Why a command ended early; each kind has its exit code.
 #[derive(Debug, thiserror::Error)]
-pub enum Failure {
+enum Failure {
     /// The configuration is wrong.
     #[error("{0}")]
     Config(ConfigError),
@@ -101,7 +102,7 @@ pub enum Failure {
 
 impl Failure {
     /// The process's exit code.
-    pub fn exit_code(&self) -> u8 {
+    fn exit_code(&self) -> u8 {
         match self {
             Failure::Other(_) => 1,
             Failure::Config(_) | Failure::Usage(_) => 2,
@@ -118,11 +119,17 @@ impl From<std::io::Error> for Failure {
     }
 }
 
+impl From<csv::Error> for Failure {
+    fn from(e: csv::Error) -> Self {
+        Failure::Other(e.to_string())
+    }
+}
+
 /// Runs a command; what it prints goes to standard output.
 ///
 /// # Errors
 /// [`Failure`], which knows its exit code.
-pub fn run(cli: Cli) -> Result<(), Failure> {
+fn run(cli: Cli) -> Result<(), Failure> {
     match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Replay(args) => replay::run(&args),
@@ -130,5 +137,16 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Command::Inspect(args) => inspect::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Check(args) => check::run(&args),
+    }
+}
+
+/// The `holdover` command: reads the command line, does what it says, and tells failures to standard error.
+pub fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("holdover: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
     }
 }

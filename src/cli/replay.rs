@@ -1,7 +1,7 @@
 //! `holdover replay`: fly a log again.
 
 use std::fs::{self, File};
-use std::io::{BufWriter, IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -280,7 +280,7 @@ fn print_sources(sources: &[SourceReport], heard: &[u64; SampleKind::ALL.len()])
     }
     table.print();
     let silent: Vec<&str> =
-        SampleKind::ALL.into_iter().filter(|k| heard[*k as usize] == 0).map(SampleKind::label).collect();
+        SampleKind::ALL.iter().filter(|k| heard[**k as usize] == 0).map(|k| k.label()).collect();
     if !silent.is_empty() {
         outln!("  never heard: {}", silent.join(", "));
     }
@@ -306,23 +306,36 @@ fn print_innovations(navigator: &Navigator) {
 
 /// The solution at 20 Hz as comma-separated values.
 struct SolutionCsv {
-    file: BufWriter<File>,
-    failed: Option<std::io::Error>,
+    file: csv::Writer<File>,
+    failed: Option<csv::Error>,
     due: Option<crate::time::AutopilotTime>,
 }
 
 const CSV_PERIOD: Span = Span::from_millis(50);
+const CSV_HEADER: [&str; 15] = [
+    "t_s",
+    "mode",
+    "carrier",
+    "north_m",
+    "east_m",
+    "down_m",
+    "velocity_north_mps",
+    "velocity_east_mps",
+    "velocity_down_mps",
+    "roll_deg",
+    "pitch_deg",
+    "yaw_deg",
+    "sigma_horizontal_m",
+    "sigma_down_m",
+    "reset_counter",
+];
 
 impl SolutionCsv {
     fn create(dir: &Path) -> Result<Self, Failure> {
         let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", dir.display()));
         fs::create_dir_all(dir).map_err(named)?;
-        let mut file = BufWriter::new(File::create(dir.join("solution.csv")).map_err(named)?);
-        writeln!(
-            file,
-            "t_s,mode,carrier,north_m,east_m,down_m,velocity_north_mps,velocity_east_mps,velocity_down_mps,\
-             roll_deg,pitch_deg,yaw_deg,sigma_horizontal_m,sigma_down_m,reset_counter"
-        )?;
+        let mut file = csv::Writer::from_writer(File::create(dir.join("solution.csv")).map_err(named)?);
+        file.write_record(CSV_HEADER)?;
         Ok(Self { file, failed: None, due: None })
     }
 
@@ -337,28 +350,20 @@ impl SolutionCsv {
         self.failed = self.write(runner, s).err();
     }
 
-    fn write(&mut self, runner: &Runner, s: &Solution) -> std::io::Result<()> {
-        let e = Euler::from_rotation(&s.r_body_to_ned);
-        let (p, v) = (&s.position_ned, &s.velocity_ned);
-        writeln!(
-            self.file,
-            "{:.6},{},{:?},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.3},{:.3},{}",
-            runner.seconds(s.time),
-            s.mode.label(),
-            s.velocity_source,
-            p.x,
-            p.y,
-            p.z,
-            v.x,
-            v.y,
-            v.z,
-            e.roll_rad.to_degrees(),
-            e.pitch_rad.to_degrees(),
-            e.yaw_rad.to_degrees(),
-            s.horizontal_sigma_m(),
-            s.position_covariance[(2, 2)].max(0.0).sqrt(),
-            s.reset_counter
-        )
+    fn write(&mut self, runner: &Runner, s: &Solution) -> csv::Result<()> {
+        let e = Euler::from_rotation(s.attitude.matrix());
+        let angles = [e.roll_rad, e.pitch_rad, e.yaw_rad].map(f64::to_degrees);
+        let (p, v) = (s.position.raw(), s.velocity.raw());
+        let state = p.iter().chain(&v).chain(&angles).map(|v| format!("{v:.4}"));
+        let sigmas = [s.horizontal_sigma_m(), s.position_covariance.raw()[(2, 2)].max(0.0).sqrt()];
+        let what = [
+            format!("{:.6}", runner.seconds(s.time)),
+            s.mode.label().to_owned(),
+            format!("{:?}", s.velocity_source),
+        ];
+        let sigmas = sigmas.iter().map(|v| format!("{v:.3}"));
+        self.file
+            .write_record(what.into_iter().chain(state).chain(sigmas).chain([s.reset_counter.to_string()]))
     }
 
     fn finish(mut self) -> Result<(), Failure> {

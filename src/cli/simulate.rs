@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
+use crate::geo::{Body, BodyToNed, Ned};
 use crate::sim::models::{AirspeedModel, GnssOutage, ImuModel, OutageKind, RangeModel};
 use crate::sim::{Environment, MarkerWatch, Reading, Scenario, SensorSuite, Simulation, Truth};
 use crate::wire::encode_vehicle::{self, VehicleTruth};
@@ -302,11 +303,11 @@ impl<W: Write> Recorder<W> {
         let felt = world.imu_at(truth);
         let truth = VehicleTruth {
             time: Simulation::ap_time(truth.t_s),
-            r_body_to_ned: truth.r_body_to_ned,
+            attitude: BodyToNed::from_matrix(&truth.r_body_to_ned),
             position: self.simulation.frame().to_geodetic(&truth.position_ned),
-            velocity_ned: truth.velocity_ned,
-            angular_rate_body: felt.angular_rate,
-            specific_force_body: felt.specific_force,
+            velocity: Ned::new(truth.velocity_ned),
+            angular_rate: Body::new(felt.angular_rate),
+            specific_force: Body::new(felt.specific_force),
         };
         encode_vehicle::truth(self.autopilot, &truth)
     }

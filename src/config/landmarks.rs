@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 use serde::Deserialize;
 
 use crate::geo::so3::Euler;
-use crate::geo::{Geodetic, LocalNed};
-use crate::landmark::{CameraMount, LandmarkSettings};
-use crate::navigator::sources::landmarks::{LandmarkCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
+use crate::geo::{Body, CameraMount, Geodetic, LocalNed};
+use crate::landmark::{LandmarkCamera, LandmarkSettings};
+use crate::navigator::sources::landmarks::{ComponentCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -109,20 +109,17 @@ fn point(text: &str, frame: Frame) -> Result<(u8, LandmarkPlace), String> {
     Ok((byte(text, "id", id)?, place))
 }
 
-fn camera(text: &str) -> Result<LandmarkCamera, String> {
+fn camera(text: &str) -> Result<ComponentCamera, String> {
     let told = numbers(text, &CAMERA)?;
     let [component, roll, pitch, yaw, x, y, z, half_x, half_y, delay_ms] =
         std::array::from_fn(|i| told[i].unwrap_or(CAMERA_DEFAULT[i]));
     let mounting =
         Euler { roll_rad: roll.to_radians(), pitch_rad: pitch.to_radians(), yaw_rad: yaw.to_radians() };
-    let down = CameraMount::downward([half_x, half_y].map(f64::to_radians));
-    Ok(LandmarkCamera {
+    Ok(ComponentCamera {
         component: byte(text, "component", component)?,
-        mount: CameraMount {
-            // The angles turn the body axes into those of a camera whose image is laid on them.
-            r_camera_to_body: mounting.to_rotation() * down.r_camera_to_body,
-            lever_body: Vector3::new(x, y, z),
-            ..down
+        camera: LandmarkCamera {
+            mount: CameraMount::turned(mounting, Body::new(Vector3::new(x, y, z))),
+            half_field_of_view_rad: [half_x, half_y].map(f64::to_radians),
         },
         delay_s: delay_ms * 1e-3,
     })
@@ -218,13 +215,12 @@ mod tests {
         let frame = LocalNed::new(Geodetic::from_degrees(63.4, 10.4, 100.0));
         let map = setup.map(&frame).unwrap();
         assert!((map.get(200).unwrap() - Vector3::new(2.374, 0.0, -0.4)).norm() < 2e-3);
-        assert_eq!(setup.cameras[0].mount, CameraMount::downward([60f64.to_radians(); 2]));
-        // Pitched up by a quarter, a camera that looked down looks forward, its image upright.
+        assert_eq!(setup.cameras[0].camera, LandmarkCamera::downward([60f64.to_radians(); 2]));
+        // Pitched up by a quarter, a camera that looked down looks forward.
         let forward = setup.cameras[1];
-        let axis = forward.mount.r_camera_to_body;
-        assert!((axis * Vector3::z() - Vector3::x()).norm() < 1e-12);
-        assert!((axis * Vector3::x() - Vector3::y()).norm() < 1e-12);
-        assert_eq!((forward.component, forward.delay_s, forward.mount.lever_body.x), (100, 0.08, 0.2));
+        let mount = forward.camera.mount;
+        assert!((mount.axis().raw() - Vector3::x()).norm() < 1e-12);
+        assert_eq!((forward.component, forward.delay_s, mount.lever_arm.raw().x), (100, 0.08, 0.2));
     }
 
     #[test]

@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 use config::{Config as Merger, Environment, File, FileFormat};
 use serde_json::Value;
 
-use crate::outbound::Profile;
 use crate::pipeline::PipelineSettings;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
@@ -160,15 +159,6 @@ fn override_toml(text: &str) -> Option<String> {
     let reads = !value.contains('\n')
         && Merger::builder().add_source(File::from_str(&as_is, FileFormat::Toml)).build().is_ok();
     Some(if reads { as_is } else { format!("{key} = {}", Value::String(value.to_owned())) })
-}
-
-impl std::fmt::Display for Profile {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Profile::Ardupilot => "ardupilot",
-            Profile::Px4 => "px4",
-        })
-    }
 }
 
 #[cfg(test)]

@@ -5,11 +5,12 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use crate::altimeter::{
-    AltimeterKind, AltimeterSettings, ChannelSettings, DetectionSettings, InertialModel, Method, OffsetModel,
+    AltimeterKind, AltimeterMethod, AltimeterSettings, ChannelSettings, DetectionSettings, InertialModel,
+    OffsetModel,
 };
-use crate::camera::{CalibrationSettings, CameraMount, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
-use crate::filter::error_state::EskfSettings;
-use crate::geo::so3::Euler;
+use crate::camera::{CalibrationSettings, MAX_PATCHES, PatchCentre, PatchLimits, PatchTable};
+use crate::filter::error_state::{AirModel, EskfSettings};
+use crate::geo::{Body, CameraMount, Euler};
 use crate::navigator::settings::AirSettings;
 use crate::navigator::settings::BudgetSettings;
 use crate::navigator::settings::DragSettings;
@@ -211,11 +212,11 @@ enum AltimeterName {
 impl From<AltimeterName> for AltimeterKind {
     fn from(name: AltimeterName) -> Self {
         match name {
-            AltimeterName::Default => Self::Tolerant,
-            AltimeterName::Okf => Self::Published(Method::Okf),
-            AltimeterName::Rkf => Self::Published(Method::Rkf),
-            AltimeterName::RkfJoseph => Self::Published(Method::RkfJoseph),
-            AltimeterName::Selector => Self::Published(Method::Selector),
+            AltimeterName::Default => Self::FaultTolerant,
+            AltimeterName::Okf => Self::Published(AltimeterMethod::Okf),
+            AltimeterName::Rkf => Self::Published(AltimeterMethod::Rkf),
+            AltimeterName::RkfJoseph => Self::Published(AltimeterMethod::RkfJoseph),
+            AltimeterName::Selector => Self::Published(AltimeterMethod::Selector),
         }
     }
 }
@@ -464,10 +465,12 @@ impl Raw {
                 magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,
                 magnetic_bias_walk: self.kalman.magnetic_bias_walk_ut * 1e-6,
                 gyro_scale_sigma: self.kalman.gyro_scale_sigma,
-                wind_sigma: self.kalman.wind_sigma_mps,
-                wind_walk: self.kalman.wind_walk,
-                airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
-                drag_sigma: self.drag.coefficient_sigma_per_s,
+                air: AirModel {
+                    wind_sigma: self.kalman.wind_sigma_mps,
+                    wind_walk: self.kalman.wind_walk,
+                    airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
+                    drag_sigma: self.drag.coefficient_sigma_per_s,
+                },
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
                 gate_sigma: self.kalman.gate_sigma,
@@ -545,11 +548,10 @@ impl Raw {
                 min_integration_s: 1e-3,
                 max_integration_s: 0.5,
             },
-            mount: CameraMount {
-                // The angles turn the body axes into the camera's; the matrix maps vectors the other way.
-                r_body_to_camera: mounting.to_rotation().transpose(),
-                lever_arm_body: Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m),
-            },
+            mount: CameraMount::turned(
+                mounting,
+                Body::new(Vector3::new(f.lever_arm_x_m, f.lever_arm_y_m, f.lever_arm_z_m)),
+            ),
             patches,
             calibration: CalibrationSettings {
                 bias_sigma_mps: f.bias_sigma_mps,

@@ -63,7 +63,7 @@ impl fmt::Display for Summary {
         }
         write!(f, "; heard")?;
         let mut heard = false;
-        for kind in SampleKind::ALL {
+        for &kind in SampleKind::ALL {
             let rate = self.rates_hz[kind as usize];
             if rate > 0.0 {
                 write!(f, "{} {} {rate:.1} Hz", if heard { "," } else { "" }, kind.label())?;

@@ -7,5 +7,5 @@
 pub mod error_state;
 pub mod heading_bank;
 
-pub use error_state::{Eskf, EskfSettings, EskfState};
+pub use error_state::{AirModel, Eskf, EskfSettings, EskfState};
 pub use heading_bank::{BankVerdict, HeadingBank, HeadingBankSettings, HeadingEstimate};

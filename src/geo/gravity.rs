@@ -3,6 +3,11 @@
 use super::wgs84::{ECCENTRICITY_SQ, FLATTENING, SEMI_MAJOR_M};
 use nalgebra::Vector3;
 
+/// Standard gravity g₀, m/s² (3rd CGPM, 1901): the g in the units of accelerometers. Exact.
+pub const STANDARD_GRAVITY_MPS2: f64 = 9.806_65;
+/// The Earth's gravity to three digits, m/s²: for gates, budgets and shapes of flight, and where no place is known yet. It is within 0.3 % of
+/// [`normal_gravity`] everywhere on the ground.
+pub const NOMINAL_GRAVITY_MPS2: f64 = 9.81;
 /// Normal gravity at the equator γ_e, m/s² (NIMA TR8350.2, table 3.4).
 const GAMMA_EQUATOR: f64 = 9.780_325_335_9;
 /// Somigliana's constant k (NIMA TR8350.2, table 3.4).
@@ -10,7 +15,7 @@ const SOMIGLIANA_K: f64 = 0.001_931_852_652_41;
 /// m = ω²a²b/GM (NIMA TR8350.2, table 3.4).
 const M: f64 = 0.003_449_786_506_84;
 
-/// Magnitude of normal gravity, m/s², at a geodetic latitude and a height above the ellipsoid.
+/// Magnitude of normal gravity, m/s², at a geodetic latitude and a height (see [`Geodetic`](super::Geodetic) for which).
 ///
 /// Somigliana's closed formula γ = γ_e (1 + k sin²φ)/√(1 − e² sin²φ) with the second-order height correction
 /// γ_h = γ [1 − (2/a)(1 + f + m − 2f sin²φ) h + (3/a²) h²] (NIMA TR8350.2, eq. (4-1) and (4-3)). Good to 10⁻⁶ m/s² of the
@@ -46,6 +51,15 @@ mod tests {
         let g = |h: f64| normal_gravity(0.8, h);
         assert!(((g(1000.0) - g(0.0)) / 1000.0 + 3.086e-6).abs() < 2e-9);
         assert!(g(-100.0) > g(0.0));
+    }
+
+    #[test]
+    fn nominal_gravity_is_that_of_everywhere_to_three_parts_in_a_thousand() {
+        for g in [STANDARD_GRAVITY_MPS2, NOMINAL_GRAVITY_MPS2] {
+            for latitude_deg in [-90.0f64, -45.0, 0.0, 30.0, 60.0] {
+                assert!((normal_gravity(latitude_deg.to_radians(), 0.0) / g - 1.0).abs() < 3.1e-3);
+            }
+        }
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! The Earth's magnetic field from the World Magnetic Model (WMM2020 and WMM2025).
 
+use super::frame::Ned;
 use super::wgs84::Geodetic;
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_2, PI};
 use thiserror::Error;
 use world_magnetic_model::GeomagneticField;
-use world_magnetic_model::time::Date;
+use world_magnetic_model::time::util::days_in_year;
+use world_magnetic_model::time::{Date, OffsetDateTime};
 use world_magnetic_model::uom::si::angle::radian;
 use world_magnetic_model::uom::si::f32::{Angle, Length};
 use world_magnetic_model::uom::si::length::meter;
@@ -13,18 +15,12 @@ use world_magnetic_model::uom::si::magnetic_flux_density::nanotesla;
 
 /// First and last year (inclusive) the built-in coefficients cover: WMM2020 and WMM2025.
 const YEARS: (i32, i32) = (2020, 2029);
-/// Heights of validity, m above the ellipsoid.
+/// Heights of validity, m.
 const HEIGHTS_M: (f64, f64) = (-1000.0, 850_000.0);
 
-/// The reference field at a place and time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MagneticField {
-    /// Flux density in NED, T.
-    pub field_ned_t: Vector3<f64>,
-    /// The date lay outside 2020 … 2029 and the nearest covered day was taken. The field's direction then ages by some 0.1° to
-    /// 0.5° a year, more near the magnetic poles.
-    pub date_clamped: bool,
-}
+/// A day and the mean year of the calendar, µs.
+const DAY_US: i64 = 86_400_000_000;
+const GREGORIAN_YEAR_US: f64 = 365.2425 * DAY_US as f64;
 
 /// Why there is no reference field.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
@@ -46,32 +42,16 @@ pub enum MagneticError {
     Undefined,
 }
 
-impl MagneticField {
-    /// Declination, rad: the angle of magnetic north east of true north.
-    pub fn declination_rad(&self) -> f64 {
-        self.field_ned_t.y.atan2(self.field_ned_t.x)
-    }
-
-    /// Inclination, rad: the angle of the field below the horizontal.
-    pub fn inclination_rad(&self) -> f64 {
-        self.field_ned_t.z.atan2(self.field_ned_t.xy().norm())
-    }
-
-    /// Horizontal intensity, T. Below 6 µT a compass needs caution, below 2 µT it is useless (WMM "caution" and "blackout" zones).
-    pub fn horizontal_t(&self) -> f64 {
-        self.field_ned_t.xy().norm()
-    }
-}
-
-/// The reference field at `position` and `decimal_year` (2026.5 is the middle of 2026), from spherical harmonics of degree 12
+/// The reference field, T, at `position` and `decimal_year` (2026.5 is the middle of 2026), from spherical harmonics of degree 12
 /// (NOAA/BGS, World Magnetic Model technical report). Accurate to about 0.15 µT and, away from the magnetic poles, 0.4° of
 /// declination (the crust's field is not in it). In single precision; evaluate it once in a while, not per sample.
 ///
-/// A date outside 2020 … 2029 is moved to the nearest covered day and flagged. Heights follow WGS-84.
+/// A date outside 2020 … 2029 is moved to the nearest covered day. The field's direction then ages by some 0.1° to 0.5° a year, more near the
+/// magnetic poles.
 ///
 /// # Errors
 /// [`MagneticError`] for arguments that are not finite or out of range. It never panics.
-pub fn magnetic_field(position: &Geodetic, decimal_year: f64) -> Result<MagneticField, MagneticError> {
+pub fn magnetic_field(position: &Geodetic, decimal_year: f64) -> Result<Ned<Vector3<f64>>, MagneticError> {
     if !position.is_plausible() {
         let height_only =
             position.height_m.is_finite() && Geodetic { height_m: 0.0, ..*position }.is_plausible();
@@ -84,7 +64,7 @@ pub fn magnetic_field(position: &Geodetic, decimal_year: f64) -> Result<Magnetic
     if !(HEIGHTS_M.0..=HEIGHTS_M.1).contains(&position.height_m) {
         return Err(MagneticError::Height { height_m: position.height_m });
     }
-    let (date, date_clamped) = date_of(decimal_year).ok_or(MagneticError::Date)?;
+    let date = date_of(decimal_year).ok_or(MagneticError::Date)?;
     let lon = super::so3::wrap_pi(position.longitude_rad);
     // Rounding to f32 may pass ±π by half a unit, which the crate refuses.
     let limit = PI as f32 - 1e-6;
@@ -107,43 +87,28 @@ pub fn magnetic_field(position: &Geodetic, decimal_year: f64) -> Result<Magnetic
     if !(1e-5..=1e-4).contains(&field_ned_t.norm()) {
         return Err(MagneticError::Undefined);
     }
-    Ok(MagneticField { field_ned_t, date_clamped })
+    Ok(Ned::new(field_ned_t))
 }
 
 /// Decimal year of a UTC time in microseconds since 1970 (MAVLink SYSTEM_TIME); leap years count, leap seconds do not.
 pub fn decimal_year_from_unix_us(unix_us: i64) -> f64 {
-    // Days since 0000-03-01, then the civil-from-days algorithm reduced to the year (Hinnant).
-    let days = unix_us.div_euclid(86_400_000_000);
-    let z = days + 719_468;
-    let era = z.div_euclid(146_097);
-    let doe = z.rem_euclid(146_097);
-    let yoe = (doe - doe / 1460 + doe / 36_524 - doe / 146_096) / 365;
-    let day_of_march_year = doe - (365 * yoe + yoe / 4 - yoe / 100);
-    // January and February belong to the next civil year.
-    let year = yoe + era * 400 + i64::from(day_of_march_year >= 306);
-    let start = days_before_year(year);
-    let length = days_before_year(year + 1) - start;
-    let into = days as f64 - start as f64 + unix_us.rem_euclid(86_400_000_000) as f64 / 86_400e6;
-    year as f64 + into / length as f64
+    let Ok(date) = OffsetDateTime::from_unix_timestamp_nanos(i128::from(unix_us) * 1000) else {
+        // Beyond the year 9999 on either side.
+        return 1970.0 + unix_us as f64 / GREGORIAN_YEAR_US;
+    };
+    let days = f64::from(date.ordinal() - 1) + unix_us.rem_euclid(DAY_US) as f64 / DAY_US as f64;
+    f64::from(date.year()) + days / f64::from(days_in_year(date.year()))
 }
 
-/// Days from 1970-01-01 to January 1st of `year`.
-fn days_before_year(year: i64) -> i64 {
-    let y = year - 1;
-    365 * (year - 1970) + (y.div_euclid(4) - 492) - (y.div_euclid(100) - 19) + (y.div_euclid(400) - 4)
-}
-
-fn date_of(decimal_year: f64) -> Option<(Date, bool)> {
+fn date_of(decimal_year: f64) -> Option<Date> {
     if !decimal_year.is_finite() {
         return None;
     }
     let clamped = decimal_year.clamp(f64::from(YEARS.0), f64::from(YEARS.1) + 1.0 - 1e-9);
     let year = clamped.floor();
-    let leap = (year as i32) % 4 == 0; // within 2020 … 2029
-    let days = if leap { 366.0 } else { 365.0 };
+    let days = f64::from(days_in_year(year as i32));
     let ordinal = 1 + ((clamped - year) * days).floor().min(days - 1.0) as u16;
-    let date = Date::from_ordinal_date(year as i32, ordinal).ok()?;
-    Some((date, decimal_year != clamped))
+    Date::from_ordinal_date(year as i32, ordinal).ok()
 }
 
 #[cfg(test)]
@@ -151,35 +116,41 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn declination_deg(m: Ned<Vector3<f64>>) -> f64 {
+        m.raw().y.atan2(m.raw().x).to_degrees()
+    }
+
+    fn inclination_deg(m: Ned<Vector3<f64>>) -> f64 {
+        m.raw().z.atan2(m.raw().xy().norm()).to_degrees()
+    }
+
     #[test]
     fn the_field_matches_the_published_model() {
         // WMM2020 at 3000 ft, 80° N, 2.36 rad E on 2023-01-15: F = 58769.0 nT, D = −19.998°.
         let p = Geodetic { latitude_rad: 80f64.to_radians(), longitude_rad: 2.36, height_m: 914.4 };
         let m = magnetic_field(&p, 2023.0 + 14.5 / 365.0).unwrap();
-        assert!((m.field_ned_t.norm() - 58_769.0e-9).abs() < 2e-9);
-        assert!((m.declination_rad().to_degrees() + 19.998).abs() < 0.01);
-        assert!(!m.date_clamped);
+        assert!((m.raw().norm() - 58_769.0e-9).abs() < 2e-9);
+        assert!((declination_deg(m) + 19.998).abs() < 0.01);
     }
 
     #[test]
     fn the_field_is_where_maps_put_it() {
         // Canberra: some 12° east, dips upwards; Trondheim: some 5° east, dips down steeply.
         let canberra = magnetic_field(&Geodetic::from_degrees(-35.36, 149.17, 580.0), 2025.5).unwrap();
-        assert!((11.0..14.0).contains(&canberra.declination_rad().to_degrees()));
-        assert!((-68.0..-63.0).contains(&canberra.inclination_rad().to_degrees()));
+        assert!((11.0..14.0).contains(&declination_deg(canberra)));
+        assert!((-68.0..-63.0).contains(&inclination_deg(canberra)));
         let trondheim = magnetic_field(&Geodetic::from_degrees(63.43, 10.39, 50.0), 2025.5).unwrap();
-        assert!((3.0..7.0).contains(&trondheim.declination_rad().to_degrees()));
-        assert!((73.0..76.0).contains(&trondheim.inclination_rad().to_degrees()));
+        assert!((3.0..7.0).contains(&declination_deg(trondheim)));
+        assert!((73.0..76.0).contains(&inclination_deg(trondheim)));
     }
 
     #[test]
-    fn dates_outside_the_model_are_clamped_and_said_so() {
+    fn dates_outside_the_model_are_clamped() {
         let p = Geodetic::from_degrees(47.4, 8.5, 500.0);
         let last = magnetic_field(&p, 2029.999).unwrap();
         let later = magnetic_field(&p, 2034.2).unwrap();
-        assert!(later.date_clamped && !last.date_clamped);
-        assert_eq!(later.field_ned_t, last.field_ned_t);
-        assert!(magnetic_field(&p, 1970.0).unwrap().date_clamped);
+        assert_eq!(later, last);
+        assert_eq!(magnetic_field(&p, 1970.0), magnetic_field(&p, 2020.0));
     }
 
     #[test]
@@ -187,7 +158,7 @@ mod tests {
         let p = Geodetic::from_degrees(47.4, 8.5, 500.0);
         let a = magnetic_field(&p, 2024.9999).unwrap();
         let b = magnetic_field(&p, 2025.0).unwrap();
-        assert!((a.field_ned_t - b.field_ned_t).norm() < 300e-9);
+        assert!((a - b).raw().norm() < 300e-9);
     }
 
     #[test]
@@ -208,7 +179,7 @@ mod tests {
         fn every_place_and_date_gives_a_field_or_a_reason(lat in -95.0..95.0f64, lon in -400.0..400.0f64,
                                                           h in -2e3..9e5f64, year in 1900.0..2100.0f64) {
             if let Ok(m) = magnetic_field(&Geodetic::from_degrees(lat, lon, h), year) {
-                prop_assert!(m.field_ned_t.iter().all(|c| c.is_finite()));
+                prop_assert!(m.raw().iter().all(|c| c.is_finite()));
             }
         }
 

@@ -1,8 +1,8 @@
-//! The rotation group SO(3): exponential, logarithm, the nearest rotation, Euler angles, quaternions.
+//! The rotation group SO(3): exponential, logarithm, left Jacobian, Euler angles.
 //!
 //! A rotation `r_body_to_ned` maps body components to NED components: `v_ned = r_body_to_ned * v_body`.
 
-use nalgebra::{Matrix3, Vector3, Vector4};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
 /// Euler angles of `r_body_to_ned = Rz(yaw) Ry(pitch) Rx(roll)` (ZYX, the aerospace convention; Fusini, Section II), radians.
@@ -29,6 +29,9 @@ pub fn vex(m: &Matrix3<f64>) -> Vector3<f64> {
 
 /// The rotation by the vector `phi` (axis times angle, rad): Exp(φ) = I + (sin θ/θ) S + ((1 − cos θ)/θ²) S², θ = |φ|
 /// (Rodrigues). Below 10⁻⁴ rad both factors come from their series, whose next terms are below 10⁻¹⁸.
+///
+/// It is the filters' step at every IMU sample. [`Rotation3::from_scaled_axis`] is the same to rounding, but normalises the axis: a square
+/// root and a division more at the angles of a step, where the series needs neither.
 pub fn exp(phi: &Vector3<f64>) -> Matrix3<f64> {
     let t2 = phi.norm_squared();
     let (a, b) = if t2 < 1e-8 {
@@ -60,56 +63,10 @@ pub fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + a * s + b * (s * s)
 }
 
-/// The rotation vector φ with |φ| ≤ π and `exp(φ) = r`, for `r` in SO(3). By way of the quaternion, so that it stays accurate
-/// near 0 and near π alike.
+/// The rotation vector φ with |φ| ≤ π and `exp(φ) = r`, for `r` in SO(3). By way of the quaternion, so that it stays accurate near 0 and near
+/// π alike; [`Rotation3::scaled_axis`] takes the arc cosine of the trace, which loses half of the digits at both.
 pub fn log(r: &Matrix3<f64>) -> Vector3<f64> {
-    let q = to_quaternion(r);
-    let v = Vector3::new(q.y, q.z, q.w);
-    let n = v.norm();
-    if n < 1e-9 {
-        // w ≥ 0, hence near 1.
-        return 2.0 * v;
-    }
-    v * (2.0 * n.atan2(q.x) / n)
-}
-
-/// The rotation nearest to `m` in the Frobenius norm: the orthogonal polar factor, by Newton's iteration
-/// X ← (X + X⁻ᵀ)/2 (Higham, *SIAM J. Sci. Stat. Comput.* 7, 1986), quadratically convergent from any non-singular start.
-///
-/// The observers let their attitude matrix leave SO(3); this brings it back before angles are read off. `None` when `m` is not
-/// finite, is singular or nearly so, or has a negative determinant: then no rotation is meaningfully nearest.
-pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-    let scale = m.norm();
-    if !scale.is_finite() || scale < 1e-9 {
-        return None;
-    }
-    let mut x = m * (3f64.sqrt() / scale);
-    // 1 for a rotation at this scale; the smallest singular value is of this order, too.
-    if x.determinant() < 1e-6 {
-        return None;
-    }
-    for _ in 0..40 {
-        let cof = cofactors(&x);
-        // m · cof(m) of the first row is the determinant.
-        let det = x.m11 * cof.m11 + x.m12 * cof.m12 + x.m13 * cof.m13;
-        if !det.is_finite() || det < 1e-9 {
-            return None;
-        }
-        let next = 0.5 * (x + cof / det);
-        let change = (next - x).norm();
-        x = next;
-        if change < 1e-9 {
-            // The error is of the order of the square of the last change.
-            return Some(x);
-        }
-    }
-    None
-}
-
-/// Matrix of cofactors: `det(m) m⁻ᵀ`.
-fn cofactors(m: &Matrix3<f64>) -> Matrix3<f64> {
-    let (a, b, c) = (m.column(0), m.column(1), m.column(2));
-    Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*r)).scaled_axis()
 }
 
 impl Euler {
@@ -146,38 +103,6 @@ impl Euler {
             cp * cr,
         )
     }
-}
-
-/// The unit quaternion [w, x, y, z] (Hamilton, the same mapping as `r`) of a rotation matrix, with w ≥ 0. The largest of the
-/// four components is computed first (Shepperd, *J. Guidance and Control* 1(3), 1978), so no division is ill-conditioned.
-///
-/// In the returned `Vector4` the *storage* order is [w, x, y, z]: nalgebra's accessor `.x` is the scalar part.
-pub fn to_quaternion(r: &Matrix3<f64>) -> Vector4<f64> {
-    let t = r.trace();
-    let q = if t >= r.m11 && t >= r.m22 && t >= r.m33 {
-        Vector4::new(1.0 + t, r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12)
-    } else if r.m11 >= r.m22 && r.m11 >= r.m33 {
-        Vector4::new(r.m32 - r.m23, 1.0 + r.m11 - r.m22 - r.m33, r.m12 + r.m21, r.m13 + r.m31)
-    } else if r.m22 >= r.m33 {
-        Vector4::new(r.m13 - r.m31, r.m12 + r.m21, 1.0 - r.m11 + r.m22 - r.m33, r.m23 + r.m32)
-    } else {
-        Vector4::new(r.m21 - r.m12, r.m13 + r.m31, r.m23 + r.m32, 1.0 - r.m11 - r.m22 + r.m33)
-    };
-    let n = q.norm();
-    // A rotation matrix has a component of at least 1/2, so n ≥ 1; anything else is no rotation and must not divide by zero.
-    let q = if n > 1e-6 && n.is_finite() { q / n } else { Vector4::new(1.0, 0.0, 0.0, 0.0) };
-    if q.x < 0.0 { -q } else { q }
-}
-
-/// The rotation matrix of a quaternion [w, x, y, z]; `None` when its norm is not within 10⁻³ of 1 (the wire carries `f32`).
-pub fn from_quaternion(q: &Vector4<f64>) -> Option<Matrix3<f64>> {
-    let n = q.norm();
-    if !n.is_finite() || (n - 1.0).abs() > 1e-3 {
-        return None;
-    }
-    let v = Vector3::new(q.y, q.z, q.w) / n;
-    let s = hat(&v);
-    Some(Matrix3::identity() + (2.0 * q.x / n) * s + 2.0 * (s * s))
 }
 
 /// The same angle in (−π, π]. A value that is not finite stays so.
@@ -241,33 +166,10 @@ mod tests {
         }
 
         #[test]
-        fn quaternions_are_unit_with_a_positive_scalar(phi in vector(3.1)) {
-            let r = exp(&phi);
-            let q = to_quaternion(&r);
-            prop_assert!((q.norm() - 1.0).abs() < 1e-12 && q.x >= 0.0);
-            prop_assert!((from_quaternion(&q).unwrap() - r).norm() < 1e-13);
-        }
-
-        #[test]
-        fn the_nearest_rotation_is_the_polar_factor(phi in vector(3.0), d in vector(0.5), o in vector(0.5)) {
-            // m = r p with p symmetric positive definite: then r is the polar factor of m.
-            let p = Matrix3::new(1.7 + d.x, 0.5 * o.x, 0.5 * o.y, 0.5 * o.x, 1.7 + d.y, 0.5 * o.z, 0.5 * o.y, 0.5 * o.z, 1.7 + d.z);
-            let r = exp(&phi);
-            prop_assert!((nearest_rotation(&(r * p)).unwrap() - r).norm() < 1e-12);
-        }
-
-        #[test]
         fn wrapped_angles_are_the_same_angle(a in -100.0..100.0f64) {
             let w = wrap_pi(a);
             prop_assert!(w > -PI && w <= PI);
             prop_assert!((w.sin() - a.sin()).abs() < 1e-12 && (w.cos() - a.cos()).abs() < 1e-12);
-        }
-
-        #[test]
-        fn no_matrix_makes_the_nearest_rotation_misbehave(m in proptest::array::uniform9(proptest::num::f64::ANY)) {
-            if let Some(r) = nearest_rotation(&Matrix3::from_row_slice(&m)) {
-                prop_assert!((r.transpose() * r - Matrix3::identity()).norm() < 1e-9);
-            }
         }
     }
 
@@ -297,15 +199,5 @@ mod tests {
             let r = Euler::new(0.4, pitch, 1.1).to_rotation();
             assert!((Euler::from_rotation(&r).to_rotation() - r).norm() < 1e-9);
         }
-    }
-
-    #[test]
-    fn reflections_singular_and_non_finite_matrices_have_no_nearest_rotation() {
-        assert!(nearest_rotation(&Matrix3::zeros()).is_none());
-        assert!(nearest_rotation(&Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0))).is_none());
-        assert!(nearest_rotation(&Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0))).is_none());
-        assert!(nearest_rotation(&Matrix3::from_element(f64::NAN)).is_none());
-        assert!(from_quaternion(&Vector4::zeros()).is_none());
-        assert!(from_quaternion(&Vector4::new(f64::NAN, 0.0, 0.0, 1.0)).is_none());
     }
 }

@@ -8,7 +8,8 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, Vector3};
 
 use super::motion::BodyMotion;
-use crate::geo::so3;
+use super::tuning::{FASTEST, RENEWAL};
+use crate::geo::polar_rotation;
 use crate::time::{AutopilotTime, Span};
 
 /// Pose of the body in D.
@@ -60,11 +61,6 @@ pub struct DeadReckoning {
     steps: u32,
 }
 
-/// Steps after which Ψ is made a rotation again: it leaves SO(3) by 10⁻¹⁶ a step.
-const RENEWAL: u32 = 4096;
-/// No vehicle moves or turns faster, m/s and rad/s.
-const FASTEST: f64 = 1e3;
-
 impl DeadReckoning {
     /// Starts at `time` in the origin of D, its axes those of the body. Remembers `history_s`, and no more than `capacity` points; between
     /// motions that are more than `gap_s` apart it tells so.
@@ -91,7 +87,7 @@ impl DeadReckoning {
         let mut pose = moved(&last.pose, motion, dt.seconds());
         self.steps += 1;
         if self.steps.is_multiple_of(RENEWAL) {
-            pose.r_body_to_d = so3::nearest_rotation(&pose.r_body_to_d).unwrap_or(pose.r_body_to_d);
+            pose.r_body_to_d = polar_rotation(&pose.r_body_to_d).unwrap_or(pose.r_body_to_d);
         }
         self.points.push_back(Point { time, pose, onward: BodyMotion::REST });
         // The point before the oldest time asked for stays: what is between them is interpolated.

@@ -1,6 +1,6 @@
 //! Pose of a drone from landmarks with known coordinates, by bearings that come late, out of order, and sometimes of the wrong landmark.
 //!
-//! The caller pushes what carries the body (velocity and rate in body axes) and, when it has one, the direction of gravity; and gives sightings
+//! The caller pushes how the body moves (velocity and rate in body axes) and, when it has one, the direction of gravity; and gives sightings
 //! as they come. Everything between is dead-reckoned ([`super::dead_reckoning`]), sightings take effect in the order in which they were made
 //! ([`super::ordered`]), on two filters ([`super::tracker`]). The pose is the refining filter's while there is one, else the H∞ filter's.
 //!
@@ -15,9 +15,9 @@ use super::information::{Information, SeenInD};
 use super::motion::BodyMotion;
 use super::ordered::{NotTaken, Ordered, Place};
 use super::refined::{Refined, Rigid};
-use super::settings::{CameraMount, LandmarkMap, LandmarkSettings};
+use super::settings::{LandmarkCamera, LandmarkMap, LandmarkSettings};
 use super::sighting::{LandmarkSighting, SightingVerdict, in_d};
-use super::tracker::{Event, Tracker};
+use super::tracker::{Tracker, TrackerEvent};
 use crate::time::{AutopilotTime, Span};
 
 /// Where a filter starts: a pose, and how far it may be off.
@@ -87,7 +87,7 @@ pub struct LandmarkHealth {
 pub struct LandmarkFilter {
     settings: LandmarkSettings,
     map: LandmarkMap,
-    cameras: Vec<CameraMount>,
+    cameras: Vec<LandmarkCamera>,
     reckoning: DeadReckoning,
     ordered: Ordered<Tracker>,
     gravity_at: AutopilotTime,
@@ -112,7 +112,7 @@ impl LandmarkFilter {
     pub fn new(
         settings: LandmarkSettings,
         map: LandmarkMap,
-        cameras: Vec<CameraMount>,
+        cameras: Vec<LandmarkCamera>,
         time: AutopilotTime,
         guess: &PoseGuess,
     ) -> Self {
@@ -151,7 +151,7 @@ impl LandmarkFilter {
         let verdict = self.reckoning.push(time, motion);
         match verdict {
             MotionVerdict::Used => {}
-            MotionVerdict::Gap(_) => self.take((time, BREAK_RANK), Event::Break),
+            MotionVerdict::Gap(_) => self.take((time, BREAK_RANK), TrackerEvent::Break),
             MotionVerdict::NotFinite | MotionVerdict::OutOfOrder => return verdict,
         }
         self.ordered.close(time - Span::from_seconds(self.settings.history_s));
@@ -161,12 +161,12 @@ impl LandmarkFilter {
         {
             let at = self.reckoning.present();
             self.gravity_at = time;
-            self.take((time, GRAVITY_RANK), Event::Gravity(at.r_body_to_d * down, at.position_d));
+            self.take((time, GRAVITY_RANK), TrackerEvent::Gravity(at.r_body_to_d * down, at.position_d));
         }
         verdict
     }
 
-    fn take(&mut self, place: Place, event: Event) {
+    fn take(&mut self, place: Place, event: TrackerEvent) {
         // An event of the present is never too late, and is the only one of its rank.
         let _ = self.ordered.insert(&self.settings, place, event);
     }
@@ -174,7 +174,7 @@ impl LandmarkFilter {
     /// Takes a sighting, however late within the history.
     pub fn sighting(&mut self, sighting: &LandmarkSighting) -> SightingVerdict {
         let Some(landmark) = self.map.get(sighting.id) else { return SightingVerdict::UnknownId };
-        let Some(mount) = self.cameras.get(usize::from(sighting.camera)) else {
+        let Some(camera) = self.cameras.get(usize::from(sighting.camera)) else {
             return SightingVerdict::UnknownCamera;
         };
         let then = match self.reckoning.at(sighting.time) {
@@ -183,12 +183,12 @@ impl LandmarkFilter {
             Err(NotRemembered::Past(by)) => return SightingVerdict::TooOld(by),
         };
         let offset = landmark - self.map.centroid();
-        let seen = match in_d(&sighting.seen, &offset, mount, &then, &self.settings) {
+        let seen = match in_d(&sighting.seen, &offset, camera, &then, &self.settings) {
             Ok(seen) => seen,
             Err(verdict) => return verdict,
         };
         let place = (sighting.time, rank(sighting, &seen));
-        match self.ordered.insert(&self.settings, place, Event::Sighting(sighting.id, seen)) {
+        match self.ordered.insert(&self.settings, place, TrackerEvent::Sighting(sighting.id, seen)) {
             Ok(SightingVerdict::Indefinite) => {
                 if let Some(pose) = self.pose() {
                     self.restart(&PoseGuess {
@@ -222,10 +222,10 @@ impl LandmarkFilter {
         let (position_ned, r_body_to_ned, covariance) = refined.pose(&at, &self.map.centroid());
         let sigma =
             |from: usize| (from..from + 3).map(|i| covariance[(i, i)]).fold(0.0, f64::max).max(0.0).sqrt();
-        let [position, attitude] = self.settings.converged_sigma;
+        let [position, attitude] = self.settings.belief.converged_sigma;
         let converged = sigma(0) < position
             && sigma(3) < attitude
-            && now.rejected[1] < self.settings.lockout_part
+            && now.rejected[1] < self.settings.belief.lockout_part
             && now.geometry.observability() == Observability::Observable;
         let source = PoseSource::Refined;
         let pose = LandmarkPose { time, position_ned, r_body_to_ned, covariance, source, converged };

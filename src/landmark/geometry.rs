@@ -1,5 +1,6 @@
 //! Whether what has been seen of the landmarks can tell a pose at all.
 
+use super::tuning::{MAJORITY, MEMORY_S, SUSPECT, THIN};
 use nalgebra::{Matrix3, Vector3};
 
 /// What the landmarks that were used say of the pose.
@@ -31,15 +32,6 @@ pub(super) struct Geometry {
     /// Σ w (Q − mean)(Q − mean)ᵀ / Σ w
     spread: Matrix3<f64>,
 }
-
-/// Landmarks whose spread across is less than this part of that along are on a line.
-const THIN: f64 = 0.05;
-/// For each landmark that is rejected as many have to agree, and two more.
-const MAJORITY: u32 = 2;
-/// More than this part of its sightings rejected, of 255.
-const SUSPECT: u8 = 127;
-/// Seconds after which a landmark that is not seen any more counts 1/e.
-const MEMORY_S: f64 = 10.0;
 
 impl Geometry {
     pub(super) fn new() -> Self {

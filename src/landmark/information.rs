@@ -14,7 +14,7 @@
 use nalgebra::{Cholesky, Const, Matrix3, SMatrix, SVector, Vector3, Vector4};
 
 use super::dead_reckoning::DeadReckoned;
-use super::pose::rotation_nearest;
+use crate::geo::kabsch_rotation;
 
 /// Unknowns.
 pub const N: usize = 12;
@@ -164,7 +164,7 @@ impl Information {
     /// add, they add to Y for good, so their weight is that of a span.
     pub fn orthonormality(&mut self, weight: f64) -> Option<()> {
         let n = self.n();
-        let near = rotation_nearest(&n)?;
+        let near = kabsch_rotation(&n)?;
         let product = near.tr_mul(&n);
         let (mut y, mut rhs) = (self.y, State::zeros());
         for i in 0..3 {
@@ -241,7 +241,7 @@ impl Information {
     pub fn pose(&self, at: &DeadReckoned) -> Option<(Vector3<f64>, Matrix3<f64>)> {
         let n = self.n();
         let position = n.lu().solve(&(at.position_d - self.q()))?;
-        let r = rotation_nearest(&n)?.tr_mul(&at.r_body_to_d);
+        let r = kabsch_rotation(&n)?.tr_mul(&at.r_body_to_d);
         position.iter().all(|v| v.is_finite()).then_some((position, r))
     }
 }

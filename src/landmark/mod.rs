@@ -1,34 +1,30 @@
-//! Pose from known landmarks: the H∞ filter for systems with implicit outputs, in general and for a drone.
+//! Pose from known landmarks.
 //!
-//! [`implicit`] says what such a system is, [`riccati`] steps its Riccati equation exactly, and [`hinf`] is the filter: measurements may be
-//! delayed, incomplete and in any number; whether its cost still has a minimum is checked at every step. [`vision_inertial`] is the example
-//! of the paper in both of its forms. [`LandmarkFilter`] is what flies.
-//!
-//! Source: Aguiar and Hespanha, "State estimation for systems with implicit outputs for the integration of vision and inertial sensors"
-//! ("Aguiar"). Equation numbers are the paper's.
+//! What flies is [`LandmarkFilter`]: sightings take effect in the order in which they were made ([`ordered`]) in a dead-reckoned frame
+//! ([`dead_reckoning`]), on an H∞ filter of the drone in information form ([`information`]), which needs no start, and on a filter that
+//! refines what that one has acquired ([`refined`]). [`hinf`] holds the published H∞ filter for implicit outputs, in general and in its
+//! 24-state example: what the flying one is derived from and compared with.
 
 pub mod dead_reckoning;
 mod drone;
 mod geometry;
 pub mod hinf;
-pub mod implicit;
 pub mod information;
 pub mod motion;
 pub mod ordered;
-pub mod pose;
 pub mod refined;
-pub mod riccati;
 mod settings;
 mod sighting;
 mod tracker;
-pub mod vision_inertial;
+mod tuning;
 
 pub use dead_reckoning::MotionVerdict;
 pub use drone::{LandmarkFilter, LandmarkHealth, LandmarkPose, PoseGuess, PoseSource};
 pub use geometry::Observability;
-pub use hinf::{Definiteness, HinfFilter, HinfSettings, UpdateRefusal};
-pub use implicit::{Dynamics, ImplicitOutput, ImplicitSystem, Transition};
+pub use hinf::{
+    AffineDynamics, AffineTransition, CameraModel, Definiteness, Discount, HinfFilter, HinfSettings,
+    ImplicitOutput, ImplicitSystem, UpdateRefusal, VisionInertial, VisionSample,
+};
 pub use motion::BodyMotion;
-pub use settings::{CameraMount, LandmarkMap, LandmarkSettings, MapError};
+pub use settings::{BeliefSettings, LandmarkCamera, LandmarkMap, LandmarkSettings, MapError};
 pub use sighting::{LandmarkSighting, Seen, SightingVerdict};
-pub use vision_inertial::{CameraModel, VisionInertial, VisionSample};

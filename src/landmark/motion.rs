@@ -1,4 +1,4 @@
-//! How a body moves over a short time, in its own axes: what carries every filter of this room between sightings.
+//! How a body moves over a short time, in its own axes: what moves every filter of this room between sightings.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -24,7 +24,7 @@ pub trait Replayed: Clone {
 pub type Place = (AutopilotTime, u64);
 
 #[derive(Clone, Debug)]
-struct Entry<S: Replayed> {
+struct OrderedEvent<S: Replayed> {
     place: Place,
     event: S::Event,
     after: S,
@@ -35,7 +35,7 @@ struct Entry<S: Replayed> {
 pub struct Ordered<S: Replayed> {
     base: S,
     base_place: Option<Place>,
-    entries: VecDeque<Entry<S>>,
+    entries: VecDeque<OrderedEvent<S>>,
     capacity: usize,
 }
 
@@ -86,7 +86,7 @@ impl<S: Replayed> Ordered<S> {
         }
         let mut state = self.before(at).clone();
         let verdict = state.apply(context, place.0, &event);
-        self.entries.insert(at, Entry { place, event, after: state.clone() });
+        self.entries.insert(at, OrderedEvent { place, event, after: state.clone() });
         for entry in self.entries.range_mut(at + 1..) {
             state.apply(context, entry.place.0, &entry.event);
             entry.after = state.clone();

@@ -85,7 +85,7 @@ impl Refined {
             None => (-across * predicted, across * h, Matrix3::from_diagonal_element(sigma * sigma)),
             Some([d, s]) => (b * d - predicted, h, across * sigma.powi(2) + along * s.powi(2)),
         };
-        self.update(&residual, &h, &noise, settings.refined_gate)
+        self.update(&residual, &h, &noise, settings.belief.refined_gate)
     }
 
     /// The direction of gravity in D.
@@ -198,7 +198,8 @@ mod tests {
     /// One exact position of a landmark, however the filter is linearised about the truth, moves the estimate onto it.
     #[test]
     fn the_rows_are_the_derivatives_of_what_is_seen() {
-        let settings = LandmarkSettings { refined_gate: f64::INFINITY, ..LandmarkSettings::default() };
+        let mut settings = LandmarkSettings::default();
+        settings.belief.refined_gate = f64::INFINITY;
         let offset = Vector3::new(1.0, 4.0, -2.0);
         let truth = rigid();
         for i in 0..6 {

@@ -1,6 +1,9 @@
 //! What a landmark filter is configured with: the landmarks, the cameras, the noise, and what it may believe.
 
-use nalgebra::{Matrix3, Vector3};
+use super::tuning::FARTHEST_MAPPED_M;
+use nalgebra::Vector3;
+
+use crate::geo::{Body, Camera, CameraMount};
 
 /// Landmarks with known coordinates, by id, in one frame: NED at the origin, or a local frame whose z axis points down.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,9 +27,6 @@ pub enum MapError {
     Impossible(u8),
 }
 
-/// No landmark of one map is farther from its origin, m.
-const FARTHEST: f64 = 1e7;
-
 impl LandmarkMap {
     /// A map of landmarks.
     ///
@@ -38,7 +38,8 @@ impl LandmarkMap {
         if landmarks.is_empty() {
             return Err(MapError::Empty);
         }
-        if let Some((id, _)) = landmarks.iter().find(|(_, q)| !q.iter().all(|v| v.abs() < FARTHEST)) {
+        if let Some((id, _)) = landmarks.iter().find(|(_, q)| !q.iter().all(|v| v.abs() < FARTHEST_MAPPED_M))
+        {
             return Err(MapError::Impossible(*id));
         }
         if let Some(pair) = landmarks.windows(2).find(|w| w[0].0 == w[1].0) {
@@ -73,29 +74,48 @@ impl LandmarkMap {
     }
 }
 
-/// How a camera is mounted. Camera axes: x to the right of the image, y down, z along the optical axis.
+/// A camera that sees landmarks.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CameraMount {
-    /// From camera to body axes.
-    pub r_camera_to_body: Matrix3<f64>,
-    /// Where it is in the body, FRD, m.
-    pub lever_body: Vector3<f64>,
-    /// Half of the field of view along the image's x and y, rad. A sighting outside is none.
+pub struct LandmarkCamera {
+    /// Where and how it sits.
+    pub mount: CameraMount,
+    /// Half of the field of view along the image's right and down, rad. A sighting outside is none.
     pub half_field_of_view_rad: [f64; 2],
 }
 
-impl CameraMount {
-    /// Looking down, the top of the image forward: the image's x is the body's y, its y points backwards.
+impl LandmarkCamera {
+    /// Looking down from the body's origin, the top of the image forward.
     pub fn downward(half_field_of_view_rad: [f64; 2]) -> Self {
-        let r_camera_to_body = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        Self { r_camera_to_body, lever_body: Vector3::zeros(), half_field_of_view_rad }
+        Self { mount: CameraMount::downward(), half_field_of_view_rad }
     }
 
-    /// Whether a direction, camera axes, is in the field of view.
-    pub fn sees(&self, direction: &Vector3<f64>) -> bool {
-        let [x, y] = self.half_field_of_view_rad;
-        direction.x.abs().atan2(direction.z) <= x && direction.y.abs().atan2(direction.z) <= y
+    /// Where a landmark is that is seen under these angles from the optical axis to the image's right and down, rad: along the ray
+    /// (tan right, tan down, 1).
+    pub fn towards(&self, [right, down]: [f64; 2]) -> Body<Vector3<f64>> {
+        self.mount.camera_to_body.to_body(Camera::ray(right.tan(), down.tan()))
     }
+
+    /// Whether a direction from the camera is in the field of view.
+    pub fn sees(&self, direction: Body<Vector3<f64>>) -> bool {
+        let [right, down, along] = self.mount.camera_to_body.to_camera(direction).right_down_along();
+        let [x, y] = self.half_field_of_view_rad;
+        right.abs().atan2(along) <= x && down.abs().atan2(along) <= y
+    }
+}
+
+/// What the landmark filter believes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BeliefSettings {
+    /// The H∞ filter's gate on the squared ratio of a sighting's residual. Without one 3 % of wrong ids keep it from ever converging.
+    pub gate: f64,
+    /// The same of the refining filter.
+    pub refined_gate: f64,
+    /// The smoothed part of rejected sightings above which a filter is taken to be locked out.
+    pub lockout_part: f64,
+    /// What Y is multiplied with then.
+    pub lockout_factor: f64,
+    /// σ of the position (each axis, m) and of the attitude (each axis, rad) below which a pose is converged.
+    pub converged_sigma: [f64; 2],
 }
 
 /// Noise, memory and what is believed. The defaults are for a camera of a degree and a dead reckoning of a few cm/s.
@@ -109,20 +129,12 @@ pub struct LandmarkSettings {
     pub distance_clip_m: [f64; 2],
     /// σ of a measured distance: this part of it, but no less than 5 cm.
     pub distance_sigma_part: f64,
-    /// The H∞ filter's gate on the squared ratio of a sighting's residual. Without one 3 % of wrong ids keep it from ever converging.
-    pub gate: f64,
-    /// The same of the refining filter.
-    pub refined_gate: f64,
     /// σ of the direction of gravity as it is given, rad.
     pub gravity_sigma_rad: f64,
     /// A direction of gravity is taken this often, s.
     pub gravity_period_s: f64,
-    /// Weight of the rows that keep N near SO(3), each time a direction of gravity is taken. They carry a coplanar field and a hover.
+    /// Weight of the rows that keep N near SO(3), each time a direction of gravity is taken. A coplanar field and a hover need them.
     pub orthonormality_weight: f64,
-    /// The smoothed part of rejected sightings above which a filter is taken to be locked out.
-    pub lockout_part: f64,
-    /// What Y is multiplied with then.
-    pub lockout_factor: f64,
     /// Drift of the dead reckoning in position, m/√s.
     pub position_drift: f64,
     /// Drift of the dead reckoning in attitude, rad/√s.
@@ -135,33 +147,8 @@ pub struct LandmarkSettings {
     pub motions: usize,
     /// Sightings and directions of gravity that can still be put in order, at most.
     pub events: usize,
-    /// σ of the position (each axis, m) and of the attitude (each axis, rad) below which a pose is converged.
-    pub converged_sigma: [f64; 2],
-}
-
-impl Default for LandmarkSettings {
-    fn default() -> Self {
-        Self {
-            lambda: 0.25,
-            bearing_sigma_rad: 0.015,
-            distance_clip_m: [0.5, 12.0],
-            distance_sigma_part: 0.1,
-            gate: 20.0,
-            refined_gate: 16.0,
-            gravity_sigma_rad: 0.03,
-            gravity_period_s: 0.2,
-            orthonormality_weight: 400.0,
-            lockout_part: 0.6,
-            lockout_factor: 0.02,
-            position_drift: 0.02,
-            attitude_drift: 0.003,
-            history_s: 1.0,
-            gap_s: 0.25,
-            motions: 1024,
-            events: 256,
-            converged_sigma: [0.3, 0.06],
-        }
-    }
+    /// What is believed.
+    pub belief: BeliefSettings,
 }
 
 impl LandmarkSettings {

@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 
 use super::dead_reckoning::DeadReckoned;
 use super::information::SeenInD;
-use super::settings::{CameraMount, LandmarkSettings};
+use super::settings::{LandmarkCamera, LandmarkSettings};
+use super::tuning::FARTHEST_SEEN_M;
+use crate::geo::{Body, Camera};
 use crate::time::AutopilotTime;
 
 /// A landmark in a picture.
@@ -31,10 +33,10 @@ pub enum Seen {
         /// Distance, m.
         distance_m: Option<f64>,
     },
-    /// The landmark's position in camera axes, m.
-    InCamera(Vector3<f64>),
-    /// The landmark's position in body axes (FRD), from the body's origin, m.
-    InBody(Vector3<f64>),
+    /// The landmark's position from the camera, m.
+    InCamera(Camera<Vector3<f64>>),
+    /// The landmark's position from the body's origin, m.
+    InBody(Body<Vector3<f64>>),
 }
 
 /// What was made of a sighting.
@@ -69,9 +71,6 @@ impl SightingVerdict {
     }
 }
 
-/// No landmark is seen from farther away, m.
-const FARTHEST: f64 = 1e5;
-
 /// Brings a sighting from the camera to D, where the body was at `then` when it was made.
 ///
 /// # Errors
@@ -79,10 +78,11 @@ const FARTHEST: f64 = 1e5;
 pub(super) fn in_d(
     seen: &Seen,
     landmark: &Vector3<f64>,
-    mount: &CameraMount,
+    camera: &LandmarkCamera,
     then: &DeadReckoned,
     settings: &LandmarkSettings,
 ) -> Result<SeenInD, SightingVerdict> {
+    let mount = &camera.mount;
     let (towards, distance_m) = match *seen {
         Seen::Angles { angle_xy: [x, y], distance_m } => {
             if !(x.is_finite() && y.is_finite()) {
@@ -91,27 +91,26 @@ pub(super) fn in_d(
             if x.abs().max(y.abs()) >= std::f64::consts::FRAC_PI_2 {
                 return Err(SightingVerdict::OutOfFieldOfView);
             }
-            (Vector3::new(x.tan(), y.tan(), 1.0), distance_m)
+            (camera.towards([x, y]).raw(), distance_m)
         }
-        Seen::InCamera(p) => (p, Some(p.norm())),
+        Seen::InCamera(p) => (mount.camera_to_body.to_body(p).raw(), Some(p.raw().norm())),
         Seen::InBody(p) => {
-            let p = mount.r_camera_to_body.tr_mul(&(p - mount.lever_body));
+            let p = (p - mount.lever_arm).raw();
             (p, Some(p.norm()))
         }
     };
     let norm = towards.norm();
-    let possible = |d: f64| d > 0.0 && d < FARTHEST;
+    let possible = |d: f64| d > 0.0 && d < FARTHEST_SEEN_M;
     if !(norm > 1e-6 && norm < 1e12) || distance_m.is_some_and(|d| !possible(d)) {
         return Err(SightingVerdict::NotFinite);
     }
-    if !mount.sees(&towards) {
+    if !camera.sees(Body::new(towards)) {
         return Err(SightingVerdict::OutOfFieldOfView);
     }
-    let r_camera_to_d = then.r_body_to_d * mount.r_camera_to_body;
     Ok(SeenInD {
         landmark: *landmark,
-        direction_d: r_camera_to_d * (towards / norm),
-        camera_d: then.position_d + then.r_body_to_d * mount.lever_body,
+        direction_d: then.r_body_to_d * (towards / norm),
+        camera_d: then.position_d + then.r_body_to_d * mount.lever_arm.raw(),
         distance: distance_m.map(|d| [d, (settings.distance_sigma_part * d).max(0.05)]),
     })
 }

@@ -5,15 +5,18 @@ use nalgebra::{Matrix3, Vector3};
 use super::geometry::Geometry;
 use super::information::{Information, Judged, SeenInD, Weighing};
 use super::ordered::Replayed;
-use super::pose::rotation_nearest;
 use super::refined::{Refined, Rigid};
 use super::settings::LandmarkSettings;
 use super::sighting::SightingVerdict;
+use super::tuning::{
+    ACQUIRED_POSITION, ACQUIRED_ROTATION, ACQUIRED_SCALE, APART, APART_S, SHAPED, SMOOTHING, TRUSTED,
+};
+use crate::geo::kabsch_rotation;
 use crate::time::AutopilotTime;
 
 /// What happens to a [`Tracker`].
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Event {
+pub(super) enum TrackerEvent {
     /// A landmark of this id was seen; its Q is relative to the field's centroid.
     Sighting(u8, SeenInD),
     /// The direction of gravity in D, and where the body is.
@@ -44,24 +47,6 @@ pub(super) struct Tracker {
     /// Sightings used since N was free to be anything.
     shaped_by: u32,
 }
-
-/// N is pulled towards SO(3) once as many sightings have shaped it. Before, it has to be free: pulled from the start it would have to turn
-/// through SO(3), where wrong minima are.
-const SHAPED: u32 = 40;
-/// Weight of a new verdict in the smoothed part of rejected sightings.
-const SMOOTHING: f64 = 0.05;
-/// Sightings below this part of rejections: the filter follows.
-const TRUSTED: f64 = 0.4;
-/// The H∞ filter has acquired when N's elements are known to this, …
-const ACQUIRED_ROTATION: f64 = 0.12;
-/// … its singular values are this near to 1, …
-const ACQUIRED_SCALE: f64 = 0.25;
-/// … and the centroid of the field is known to this part of the distances bearings are scaled with at most.
-const ACQUIRED_POSITION: f64 = 0.1;
-/// The refining filter is reset when it is off its monitor's estimate by this χ² (6 degrees of freedom) …
-const APART: f64 = 60.0;
-/// … for this long, s.
-const APART_S: f64 = 1.0;
 
 impl Tracker {
     pub(super) fn new(time: AutopilotTime, hinf: Information, refined: Option<Refined>) -> Self {
@@ -109,7 +94,7 @@ impl Tracker {
         if rotation > ACQUIRED_ROTATION || position > ACQUIRED_POSITION * far {
             return None;
         }
-        let r_to_d = rotation_nearest(&n)?;
+        let r_to_d = kabsch_rotation(&n)?;
         Some((Rigid { centroid_d: self.hinf.q(), r_to_d }, rotation, position))
     }
 
@@ -117,7 +102,7 @@ impl Tracker {
         let how = Weighing {
             bearing_sigma_rad: settings.bearing_sigma_rad,
             distance_clip_m: settings.distance_clip_m,
-            gate: settings.gate,
+            gate: settings.belief.gate,
             weight: 1.0,
         };
         let monitor = self.hinf.sighting(seen, &how);
@@ -158,13 +143,13 @@ impl Tracker {
     /// Ways out of a lock-out: a filter that rejects most of what it is shown is wrong.
     fn unlock(&mut self, settings: &LandmarkSettings) {
         let [hinf, refined] = &mut self.rejected;
-        if *hinf > settings.lockout_part {
-            self.hinf.inflate(settings.lockout_factor);
-            *hinf = 0.5 * settings.lockout_part;
+        if *hinf > settings.belief.lockout_part {
+            self.hinf.inflate(settings.belief.lockout_factor);
+            *hinf = 0.5 * settings.belief.lockout_part;
             self.lockouts += 1;
             (self.shaped_by, self.acquired) = (0, None);
         }
-        if *refined > settings.lockout_part {
+        if *refined > settings.belief.lockout_part {
             (self.refined, *refined) = (None, 0.0);
             self.resets += 1;
         }
@@ -206,18 +191,23 @@ impl Tracker {
 }
 
 impl Replayed for Tracker {
-    type Event = Event;
+    type Event = TrackerEvent;
     type Verdict = SightingVerdict;
     type Context = LandmarkSettings;
 
-    fn apply(&mut self, settings: &LandmarkSettings, time: AutopilotTime, event: &Event) -> SightingVerdict {
+    fn apply(
+        &mut self,
+        settings: &LandmarkSettings,
+        time: AutopilotTime,
+        event: &TrackerEvent,
+    ) -> SightingVerdict {
         self.advance(settings, time);
         match event {
-            Event::Sighting(id, seen) => {
+            TrackerEvent::Sighting(id, seen) => {
                 self.body_d = seen.camera_d;
                 self.sighting(settings, *id, seen)
             }
-            Event::Gravity(down_d, body_d) => {
+            TrackerEvent::Gravity(down_d, body_d) => {
                 self.body_d = *body_d;
                 let sigma = settings.gravity_sigma_rad;
                 let used = self.hinf.gravity(down_d, sigma);
@@ -229,8 +219,8 @@ impl Replayed for Tracker {
                 }
                 used.map_or(SightingVerdict::Indefinite, |()| SightingVerdict::Used(0.0))
             }
-            Event::Break => {
-                self.hinf.inflate(settings.lockout_factor);
+            TrackerEvent::Break => {
+                self.hinf.inflate(settings.belief.lockout_factor);
                 (self.refined, self.acquired, self.shaped_by) = (None, None, 0);
                 SightingVerdict::Used(0.0)
             }

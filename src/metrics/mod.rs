@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
 use crate::geo::so3::{Euler, wrap_pi};
-use crate::geo::{LocalNed, so3};
+use crate::geo::{LocalNed, Ned};
 use crate::navigator::solution::Solution;
 use crate::sample::TruthState;
 use crate::time::AutopilotTime;
@@ -28,13 +28,11 @@ pub struct ReferenceState {
 impl ReferenceState {
     /// Truth in a local frame; `None` if it has no position.
     pub fn from_truth(truth: &TruthState, frame: &LocalNed) -> Option<Self> {
-        let r_body_to_ned =
-            truth.body_to_ned.and_then(|q| so3::from_quaternion(&nalgebra::Vector4::new(q.w, q.i, q.j, q.k)));
         Some(Self {
             time: truth.time,
             position_ned: frame.to_ned(&truth.position?),
-            velocity_ned: truth.velocity_ned,
-            r_body_to_ned,
+            velocity_ned: truth.velocity.map(Ned::raw),
+            r_body_to_ned: truth.attitude.map(|a| *a.matrix()),
         })
     }
 }
@@ -56,13 +54,13 @@ impl ErrorSample {
     /// Compares; the solution is carried to the reference's time by its own velocity.
     pub fn between(solution: &Solution, reference: &ReferenceState) -> Self {
         let dt = reference.time.seconds_since(solution.time);
-        let e = solution.position_ned + solution.velocity_ned * dt - reference.position_ned;
+        let e = (solution.position + solution.velocity * dt).raw() - reference.position_ned;
         let velocity_mps = reference.velocity_ned.map(|v| {
-            let d = solution.velocity_ned - v;
+            let d = solution.velocity.raw() - v;
             if v.z.is_nan() { d.xy().norm() } else { d.norm() }
         });
         let attitude_rad = reference.r_body_to_ned.map(|r| {
-            let (ours, theirs) = (Euler::from_rotation(&solution.r_body_to_ned), Euler::from_rotation(&r));
+            let (ours, theirs) = (Euler::from_rotation(solution.attitude.matrix()), Euler::from_rotation(&r));
             Vector3::new(
                 wrap_pi(ours.roll_rad - theirs.roll_rad),
                 wrap_pi(ours.pitch_rad - theirs.pitch_rad),

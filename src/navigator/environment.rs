@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::geo::{Geodetic, LocalNed, earth_rate_ned, gravity::gravity_ned, magnetic_field};
+use crate::geo::{Geodetic, LocalNed, Ned, earth_rate_ned, gravity::gravity_ned, magnetic_field};
 
 /// The year whose magnetic field is taken while no clock has told the date.
 const DEFAULT_YEAR: f64 = 2026.0;
@@ -29,7 +29,7 @@ impl LocalEnvironment {
             frame: LocalNed::new(origin),
             gravity_ned: gravity_ned(origin.latitude_rad, origin.height_m),
             earth_rate_ned: earth_rate_ned(origin.latitude_rad),
-            field_ned: magnetic_field(&origin, decimal_year).ok().map(|f| f.field_ned_t),
+            field_ned: magnetic_field(&origin, decimal_year).ok().map(Ned::raw),
         }
     }
 }

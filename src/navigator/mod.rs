@@ -47,7 +47,7 @@ use nalgebra::Vector3;
 use crate::altimeter::{Channel, Health};
 use crate::camera::{Distrust, FlowCalibration};
 use crate::filter::error_state::EskfState;
-use crate::geo::{Geodetic, LocalNed};
+use crate::geo::{Body, BodyToNed, Geodetic, LocalNed, Ned};
 use crate::sample::{Sample, VehicleStatus};
 use crate::time::AutopilotTime;
 
@@ -155,12 +155,12 @@ impl Navigator {
             time,
             mode: core.mode,
             velocity_source: core.shown_source(time, &facts),
-            position_ned,
-            velocity_ned,
-            r_body_to_ned: core.attitude.r_body_to_ned,
-            angular_rate_body: core.attitude.angular_rate_body,
-            position_covariance,
-            velocity_covariance,
+            position: Ned::new(position_ned),
+            velocity: Ned::new(velocity_ned),
+            attitude: BodyToNed::from_matrix(&core.attitude.r_body_to_ned),
+            angular_rate: Body::new(core.attitude.angular_rate_body),
+            position_covariance: Ned::new(position_covariance),
+            velocity_covariance: Ned::new(velocity_covariance),
             attitude_variance: core.attitude_variance(&facts),
             reset_counter: core.published.reset_counter(),
         })

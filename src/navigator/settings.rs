@@ -5,7 +5,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::altimeter::{AltimeterKind, AltimeterSettings};
-use crate::camera::{CalibrationSettings, CameraMount, PatchLimits, PatchTable};
+use crate::camera::{CalibrationSettings, PatchLimits, PatchTable};
+use crate::geo::CameraMount;
 
 use crate::filter::error_state::EskfSettings;
 

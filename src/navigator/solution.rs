@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
+use crate::geo::{Body, BodyToNed, Ned};
 use crate::time::AutopilotTime;
 
 /// What the navigator is doing.
@@ -68,7 +69,7 @@ impl VelocitySource {
     }
 }
 
-/// Position, velocity and attitude with their uncertainty. All in NED at the navigator's origin.
+/// Position, velocity and attitude with their uncertainty, at the navigator's origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {
     /// When it holds.
@@ -78,17 +79,17 @@ pub struct Solution {
     /// What carries the horizontal velocity.
     pub velocity_source: VelocitySource,
     /// Position, m.
-    pub position_ned: Vector3<f64>,
+    pub position: Ned<Vector3<f64>>,
     /// Velocity, m/s.
-    pub velocity_ned: Vector3<f64>,
-    /// Rotation that maps body (FRD) vectors to NED; orthonormal.
-    pub r_body_to_ned: Matrix3<f64>,
-    /// Angular rate less the estimated gyro bias, body, rad/s.
-    pub angular_rate_body: Vector3<f64>,
+    pub velocity: Ned<Vector3<f64>>,
+    /// Attitude.
+    pub attitude: BodyToNed,
+    /// Angular rate less the estimated gyro bias, rad/s.
+    pub angular_rate: Body<Vector3<f64>>,
     /// Covariance of the position, m².
-    pub position_covariance: Matrix3<f64>,
+    pub position_covariance: Ned<Matrix3<f64>>,
     /// Covariance of the velocity, m²/s².
-    pub velocity_covariance: Matrix3<f64>,
+    pub velocity_covariance: Ned<Matrix3<f64>>,
     /// Variances of roll, pitch and yaw, rad².
     pub attitude_variance: Vector3<f64>,
     /// Changes when the position had to jump.
@@ -98,7 +99,7 @@ pub struct Solution {
 impl Solution {
     /// Standard deviation of the horizontal position error, √(P_NN + P_EE), m: the expected root mean square of its length (DRMS).
     pub fn horizontal_sigma_m(&self) -> f64 {
-        let p = &self.position_covariance;
+        let p = self.position_covariance.raw();
         (p[(0, 0)] + p[(1, 1)]).max(0.0).sqrt()
     }
 }

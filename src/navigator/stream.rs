@@ -56,11 +56,11 @@ impl ImuStream {
     /// Takes note of a sample. `disarmed`: on the ground a coarse IMU may repeat itself.
     pub(super) fn hear(&mut self, s: &ImuSample, disarmed: bool, max_gap_s: f64) -> Heard {
         let possible = |v: &Vector3<f64>| v.iter().all(|c| c.abs() < POSSIBLE);
-        if !possible(&s.angular_rate_body) || !possible(&s.specific_force_body) {
+        if !possible(&s.angular_rate.raw()) || !possible(&s.specific_force.raw()) {
             return Heard::Refused(Reason::NotFinite);
         }
         let saturated = |v: &Vector3<f64>, full: f64| v.iter().any(|c| c.abs() >= full);
-        if saturated(&s.angular_rate_body, FULL_RATE) || saturated(&s.specific_force_body, FULL_FORCE) {
+        if saturated(&s.angular_rate.raw(), FULL_RATE) || saturated(&s.specific_force.raw(), FULL_FORCE) {
             return Heard::Refused(Reason::OutOfRange);
         }
         let Some(newest) = self.newest else {
@@ -95,7 +95,8 @@ impl ImuStream {
     /// Whether the IMU repeats itself for longer than one does that is in the air.
     fn is_stuck(&mut self, s: &ImuSample, disarmed: bool) -> bool {
         let Some(last) = self.last.filter(|last| {
-            last.angular_rate_body == s.angular_rate_body && last.specific_force_body == s.specific_force_body
+            last.angular_rate.raw() == s.angular_rate.raw()
+                && last.specific_force.raw() == s.specific_force.raw()
         }) else {
             self.same_since = None;
             return false;
@@ -110,8 +111,8 @@ impl ImuStream {
         let last = self.last.replace(*s).filter(|_| instantaneous);
         last.map_or(*s, |last| ImuSample {
             time: s.time,
-            angular_rate_body: 0.5 * (last.angular_rate_body + s.angular_rate_body),
-            specific_force_body: 0.5 * (last.specific_force_body + s.specific_force_body),
+            angular_rate: (last.angular_rate + s.angular_rate) * 0.5,
+            specific_force: (last.specific_force + s.specific_force) * 0.5,
         })
     }
 

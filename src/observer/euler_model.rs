@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, RowSVector, SVector, Vector3};
 
 use super::state::ObserverState;
+use super::tuning::LEAST_COS_PITCH;
 use crate::geo::so3::{Euler, hat, wrap_pi};
 
 /// Size of the state [Θ, p, v, b_ω, b_f].
@@ -14,10 +15,7 @@ pub(super) const BW: usize = 9;
 pub(super) const BF: usize = 12;
 
 /// A row of a measurement Jacobian.
-pub(super) type Row = RowSVector<f64, STATES>;
-
-/// Euler angles say nothing where the cosine of the pitch is below this (1.1° from the vertical): T(Θ) has 1/cos θ in it.
-const LEAST_COS_PITCH: f64 = 0.02;
+pub(super) type JacobianRow = RowSVector<f64, STATES>;
 
 /// The state of (10), of a trajectory to linearise about or of the filter itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +45,20 @@ pub struct XkfInput {
     pub gravity_ned: Vector3<f64>,
     /// The Earth's rate in NED, rad/s.
     pub earth_rate_ned: Vector3<f64>,
+}
+
+/// What y3, the specific force of a motion at constant body velocity, is taken for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SpecificForceForm {
+    /// Fusini (2c) as printed: y3 = −Rᵀg + (ω_m − b_ω − Rᵀω_e) × Rᵀv. There is no b_f in it, so an accelerometer's bias is taken for a
+    /// tilt. For comparison with the paper.
+    AsPrinted,
+    /// (2c) and b_f: y3 is what the IMU measures, which has its bias in it ((1d)). Right for a real IMU.
+    WithBias,
+    /// As [`Self::WithBias`] with a shorter row: Rᵀω_e counts as constant (its derivative is 10⁻⁴ of gravity's), and biases that are
+    /// frozen are no states and have no columns, so they are the linearisation point's. For comparison with the independent
+    /// implementation behind `tests/golden/observers/xkf_euler_y3.json`.
+    Approximate,
 }
 
 impl EulerState {
@@ -122,7 +134,7 @@ pub(super) fn rate_to_angles(angles: &Euler) -> Matrix3<f64> {
 }
 
 /// f(x̄, u) of (10) and the blocks of ∂f/∂x that are neither zero nor the identity.
-pub(super) struct Dynamics {
+pub(super) struct LinearisedKinematics {
     /// f(x̄, u).
     pub rate: SVector<f64, STATES>,
     /// ∂Θ̇/∂Θ.
@@ -137,7 +149,7 @@ pub(super) struct Dynamics {
     pub velocity_by_accel_bias: Matrix3<f64>,
 }
 
-impl Dynamics {
+impl LinearisedKinematics {
     /// Linearised about `about`. Θ̇ = T(Θ)(ω_m − b_ω − Rᵀω_e): the Earth's rate is in (1a), and (10a) leaves it out without a reason.
     pub fn new(about: &EulerState, u: &XkfInput) -> Self {
         let r = about.r_body_to_ned();
@@ -188,8 +200,8 @@ fn seen_from_body(about: &EulerState, a_ned: &Vector3<f64>) -> (Vector3<f64>, Ma
 }
 
 /// A row with blocks at places.
-fn row<const N: usize>(axis: usize, blocks: [(usize, Matrix3<f64>); N]) -> Row {
-    let mut h = Row::zeros();
+fn row<const N: usize>(axis: usize, blocks: [(usize, Matrix3<f64>); N]) -> JacobianRow {
+    let mut h = JacobianRow::zeros();
     for (at, block) in blocks {
         let mut part = h.fixed_columns_mut::<3>(at);
         part += block.row(axis);
@@ -198,29 +210,45 @@ fn row<const N: usize>(axis: usize, blocks: [(usize, Matrix3<f64>); N]) -> Row {
 }
 
 /// One axis of a direction known in NED: Rᵀ a and its row.
-pub(super) fn direction(about: &EulerState, a_ned: &Vector3<f64>, axis: usize) -> (f64, Row) {
+pub(super) fn direction(about: &EulerState, a_ned: &Vector3<f64>, axis: usize) -> (f64, JacobianRow) {
     let (body, by_angles) = seen_from_body(about, a_ned);
     (body[axis], row(axis, [(THETA, by_angles)]))
 }
 
 /// One axis of the body velocity Rᵀv, y2 − b_v of (2b), and its row.
-pub(super) fn body_velocity(about: &EulerState, axis: usize) -> (f64, Row) {
+pub(super) fn body_velocity(about: &EulerState, axis: usize) -> (f64, JacobianRow) {
     let (body, by_angles) = seen_from_body(about, &about.velocity_ned);
     let r_t = about.r_body_to_ned().transpose();
     (body[axis], row(axis, [(THETA, by_angles), (V, r_t)]))
 }
 
-/// One axis of the specific force of a motion at constant body velocity, y3 of (2c): −Rᵀg + (ω_m − b_ω − Rᵀω_e) × Rᵀv + b_f, and its
-/// row. (2c) is printed without b_f, but y3 is the IMU's specific force, which has it ((1d)).
-pub(super) fn turning_force(about: &EulerState, u: &XkfInput, axis: usize) -> (f64, Row) {
+/// One axis of the specific force of a motion at constant body velocity, y3 of (2c), in one of its forms, and its row. `frozen` biases
+/// are not estimated.
+pub(super) fn turning_force(
+    about: &EulerState,
+    u: &XkfInput,
+    form: SpecificForceForm,
+    frozen: bool,
+    axis: usize,
+) -> (f64, JacobianRow) {
     let (gravity, gravity_by_angles) = seen_from_body(about, &u.gravity_ned);
     let (v, v_by_angles) = seen_from_body(about, &about.velocity_ned);
     let (earth, earth_by_angles) = seen_from_body(about, &u.earth_rate_ned);
     let w = u.angular_rate_body - about.gyro_bias - earth;
-    let value = -gravity + w.cross(&v) + about.accel_bias;
-    let by_angles = -gravity_by_angles + hat(&v) * earth_by_angles + hat(&w) * v_by_angles;
+    let mut value = -gravity + w.cross(&v);
+    let mut by_angles = -gravity_by_angles + hat(&w) * v_by_angles;
     let by_velocity = hat(&w) * about.r_body_to_ned().transpose();
-    let h = row(axis, [(THETA, by_angles), (V, by_velocity), (BW, hat(&v)), (BF, Matrix3::identity())]);
+    let (mut by_gyro_bias, mut by_accel_bias) = (hat(&v), Matrix3::zeros());
+    if form != SpecificForceForm::AsPrinted {
+        value += about.accel_bias;
+        by_accel_bias = Matrix3::identity();
+    }
+    if form != SpecificForceForm::Approximate {
+        by_angles += hat(&v) * earth_by_angles;
+    } else if frozen {
+        (by_gyro_bias, by_accel_bias) = (Matrix3::zeros(), Matrix3::zeros());
+    }
+    let h = row(axis, [(THETA, by_angles), (V, by_velocity), (BW, by_gyro_bias), (BF, by_accel_bias)]);
     (value[axis], h)
 }
 
@@ -277,8 +305,8 @@ mod tests {
         #[test]
         fn the_dynamics_blocks_are_the_derivatives(about in state()) {
             let u = input();
-            let d = Dynamics::new(&about, &u);
-            let n = numeric(&about, |x| Dynamics::new(x, &u).rate);
+            let d = LinearisedKinematics::new(&about, &u);
+            let n = numeric(&about, |x| LinearisedKinematics::new(x, &u).rate);
             let block = |row: usize, col: usize| n.fixed_view::<3, 3>(row, col).into_owned();
             for (name, analytic, row, col) in [
                 ("angles by angles", d.angles_by_angles, THETA, THETA),
@@ -300,13 +328,29 @@ mod tests {
             let field = Vector3::new(13.0, 1.0, 50.0);
             for axis in 0..3 {
                 let one = |v: f64| SVector::<f64, 1>::new(v);
+                let force = |x: &EulerState, form| turning_force(x, &u, form, false, axis);
                 for (name, analytic, n) in [
                     ("flow", body_velocity(&about, axis).1, numeric(&about, |x| one(body_velocity(x, axis).0))),
-                    ("force", turning_force(&about, &u, axis).1, numeric(&about, |x| one(turning_force(x, &u, axis).0))),
+                    ("force", force(&about, SpecificForceForm::WithBias).1, numeric(&about, |x| one(force(x, SpecificForceForm::WithBias).0))),
+                    ("printed force", force(&about, SpecificForceForm::AsPrinted).1, numeric(&about, |x| one(force(x, SpecificForceForm::AsPrinted).0))),
                     ("field", direction(&about, &field, axis).1, numeric(&about, |x| one(direction(x, &field, axis).0))),
                 ] {
                     prop_assert!((analytic - n).norm() < 1e-5, "{name} {axis}: {analytic} {n}");
                 }
+            }
+        }
+
+        #[test]
+        fn the_approximate_force_lacks_the_earths_derivative_and_what_is_frozen(about in state()) {
+            let still = XkfInput { earth_rate_ned: Vector3::zeros(), ..input() };
+            for axis in 0..3 {
+                let of = |form, frozen| turning_force(&about, &still, form, frozen, axis);
+                let (whole, short) = (of(SpecificForceForm::WithBias, true), of(SpecificForceForm::Approximate, true));
+                prop_assert_eq!(of(SpecificForceForm::WithBias, false), whole);
+                prop_assert_eq!(of(SpecificForceForm::Approximate, false), whole);
+                prop_assert_eq!(short.0, whole.0);
+                prop_assert_eq!(short.1.fixed_columns::<9>(0), whole.1.fixed_columns::<9>(0));
+                prop_assert_eq!(short.1.fixed_columns::<6>(BW).abs().max(), 0.0);
             }
         }
 

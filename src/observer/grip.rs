@@ -4,9 +4,7 @@ use super::attitude::{self, AttitudeGains, Discretisation, Gate, MagneticPair};
 use super::bias::BiasBounds;
 use super::gains::TranslationGains;
 use super::state::{ObserverState, StepRefusal, StepReport, check};
-use super::triad::{
-    TriadForm, exact_turn, injection, normalised_triad, raw_injection, raw_triad, sine_between,
-};
+use super::triad::{injection, normalised_triad, sine_between};
 use nalgebra::{Matrix3, Vector3};
 
 /// Parameters of Grip's observer (6)-(7).
@@ -24,8 +22,6 @@ pub struct GripParams {
     pub gains: TranslationGains,
     /// Discretisation of the attitude.
     pub discretisation: Discretisation,
-    /// Columns of the triads.
-    pub triad: TriadForm,
     /// J = 0 while the sine of the angle between specific force and magnetic field is below this, in body or in NED. The quantitative
     /// form of Grip's Assumption 2, our addition: where the field dips steeply, a banked vehicle's specific force passes by it once a
     /// turn, and a normalised triad is then all noise. 0 as printed.
@@ -44,7 +40,6 @@ impl GripParams {
             bias_bounds: BiasBounds::printed(),
             gains: TranslationGains::grip_printed(),
             discretisation: Discretisation::Euler,
-            triad: TriadForm::Normalised,
             min_magnetic_sine: 0.0,
             gate: None,
         }
@@ -59,7 +54,6 @@ impl GripParams {
             bias_bounds: BiasBounds::printed(),
             gains: TranslationGains::km(),
             discretisation: Discretisation::Exponential,
-            triad: TriadForm::Normalised,
             min_magnetic_sine: 0.2,
             gate: Some(Gate::standard()),
         }
@@ -104,8 +98,7 @@ pub struct GripInput {
 /// With a = f and â = R̂a + ξ, J from the triads of (m, a) and (m_n, â):
 /// p̂⁺ = p̂ + dt(v̂ + K_pp e_p + K_pv e_v); v̂⁺ = v̂ + dt(â + g + K_vp e_p + K_vv e_v); ξ⁺ = ξ − ΔR a + dt(K_ξp e_p + K_ξv e_v);
 /// b̂⁺ = b̂ + dt Proj(b̂, −k_I vex(P_a(sat(R̂)ᵀ K_P J))).
-/// [`Discretisation::Exponential`] solves Ṙ = σK_P J over the step exactly: ΔR = diag(1 − e^{−σk_i dt}) J (with raw triads
-/// [`exact_turn`]).
+/// [`Discretisation::Exponential`] solves Ṙ = σK_P J over the step exactly: ΔR = diag(1 − e^{−σk_i dt}) J.
 ///
 /// Valid while |m × a| > 0 (Assumption 2). The acceleration in the input must be the interval's mean: at 25-100 Hz of
 /// instantaneous samples the error shows as noise.
@@ -136,10 +129,7 @@ pub fn step(
 
     // A magnetometer vector that is not finite has no triad, so it cannot get further than here.
     let triads = input.magnetic.and_then(|m| triads(params, &m, a, &a_ned));
-    let j = triads.map(|(ned, body)| match params.triad {
-        TriadForm::Normalised => injection(&ned, &body, &r),
-        TriadForm::Raw { .. } => raw_injection(&ned, &body, &r),
-    });
+    let j = triads.map(|(ned, body)| injection(&ned, &body, &r));
     let injection_norm = j.map(|j| j.norm());
     let gains = AttitudeGains::choose(params.gate, params.k_p, params.k_i, injection_norm);
 
@@ -150,19 +140,15 @@ pub fn step(
     let velocity = state.velocity_ned + dt * (acceleration_ned + coriolis + k.vp * e_p + k.vv * e_v);
 
     let body_rate = input.angular_rate_body - state.gyro_bias - r.tr_mul(&input.earth_rate_ned);
-    let delta_r = match (j, triads) {
-        (Some(j), Some((ned, body))) => {
-            state.gyro_bias = gains.advance_bias(&params.bias_bounds, &state.gyro_bias, &r, &j, dt);
-            let rate = params.sigma * gains.k_p;
-            match (params.discretisation, params.triad) {
-                (Discretisation::Euler, _) => attitude::scale_rows(&(rate * dt), &j),
-                // 1 − e^{−x}, without cancellation at small x.
-                (_, TriadForm::Normalised) => attitude::scale_rows(&rate.map(|k| -(-k * dt).exp_m1()), &j),
-                (_, TriadForm::Raw { .. }) => exact_turn(&ned, &body, &r, &rate, dt),
-            }
+    let delta_r = j.map_or_else(Matrix3::zeros, |j| {
+        state.gyro_bias = gains.advance_bias(&params.bias_bounds, &state.gyro_bias, &r, &j, dt);
+        let rate = params.sigma * gains.k_p;
+        match params.discretisation {
+            Discretisation::Euler => attitude::scale_rows(&(rate * dt), &j),
+            // 1 − e^{−x}, without cancellation at small x.
+            Discretisation::Exponential => attitude::scale_rows(&rate.map(|k| -(-k * dt).exp_m1()), &j),
         }
-        _ => Matrix3::zeros(),
-    };
+    });
     state.r_hat = attitude::advance(params.discretisation, &r, &delta_r, &body_rate, dt);
     state.xi_ned += -(delta_r * a) + dt * (k.xp * e_p + k.xv * e_v);
     state.position_ned = position;
@@ -181,14 +167,7 @@ fn triads(
     if parallel(f_body, &m.field_body) || parallel(f_ned, &m.field_ned) {
         return None;
     }
-    match params.triad {
-        TriadForm::Normalised => {
-            Some((normalised_triad(&m.field_ned, f_ned)?, normalised_triad(&m.field_body, f_body)?))
-        }
-        TriadForm::Raw { force_scale: s } => {
-            Some((raw_triad(&m.field_ned, &(s * f_ned))?, raw_triad(&m.field_body, &(s * f_body))?))
-        }
-    }
+    Some((normalised_triad(&m.field_ned, f_ned)?, normalised_triad(&m.field_body, f_body)?))
 }
 
 #[cfg(test)]

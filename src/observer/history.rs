@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 /// A position and velocity in NED at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Entry {
+pub struct PastMotion {
     /// When.
     pub stamp: AutopilotTime,
     /// Position in NED, m.
@@ -14,22 +14,22 @@ pub struct Entry {
     pub velocity_ned: Vector3<f64>,
 }
 
-/// A ring of [`Entry`], oldest overwritten first. Allocated once, at construction.
+/// A ring of [`PastMotion`], oldest overwritten first. Allocated once, at construction.
 #[derive(Clone, Debug)]
-pub struct History {
-    ring: Box<[Entry]>,
+pub struct MotionHistory {
+    ring: Box<[PastMotion]>,
     next: usize,
     len: usize,
     spacing: Span,
 }
 
-impl History {
+impl MotionHistory {
     /// Room for at least `span` when entries are no denser than `spacing`: a faster IMU is thinned out, so the span covered does not
     /// depend on its rate. Between entries values are interpolated linearly, which at 20 m/s² and 10 ms errs by 0.25 mm.
     pub fn new(span: Span, spacing: Span) -> Self {
         let spacing = Span::from_micros(spacing.micros().max(100));
         let capacity = (span.micros().max(0) / spacing.micros()).clamp(1, 100_000) as usize + 2;
-        let empty = Entry {
+        let empty = PastMotion {
             stamp: AutopilotTime::from_micros(0),
             position_ned: Vector3::zeros(),
             velocity_ned: Vector3::zeros(),
@@ -44,7 +44,7 @@ impl History {
     }
 
     /// Stores an entry unless it is closer than the spacing to the newest one (or earlier).
-    pub fn record(&mut self, entry: Entry) {
+    pub fn record(&mut self, entry: PastMotion) {
         // One part in ten is let pass, so that the jitter of an IMU at the very spacing does not drop every other sample.
         let least = self.spacing.micros() - self.spacing.micros() / 10;
         if self.newest().is_some_and(|n| (entry.stamp - n.stamp).micros() < least) {
@@ -57,12 +57,12 @@ impl History {
         }
     }
 
-    fn newest(&self) -> Option<&Entry> {
+    fn newest(&self) -> Option<&PastMotion> {
         self.back(0)
     }
 
     /// The i-th entry from the newest.
-    fn back(&self, i: usize) -> Option<&Entry> {
+    fn back(&self, i: usize) -> Option<&PastMotion> {
         if i >= self.len {
             return None;
         }
@@ -72,7 +72,7 @@ impl History {
 
     /// Position and velocity at `stamp`, linearly between the entries around it; `now` is the newest value and need not be stored.
     /// After `now` the value is extrapolated at constant velocity. `None` before the oldest entry.
-    pub fn at(&self, stamp: AutopilotTime, now: &Entry) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    pub fn at(&self, stamp: AutopilotTime, now: &PastMotion) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let ahead = stamp.seconds_since(now.stamp);
         if ahead >= 0.0 {
             return Some((now.position_ned + ahead * now.velocity_ned, now.velocity_ned));

@@ -21,6 +21,7 @@ pub mod history;
 pub mod predictor;
 pub mod state;
 pub mod triad;
+mod tuning;
 pub mod xkf;
 
 pub use attitude::{Discretisation, Gate, MagneticPair};
@@ -29,4 +30,4 @@ pub use gains::{DeadReckoningGains, TranslationGains};
 pub use grip::{GripInput, GripParams};
 pub use predictor::{FixSample, Innovation, Predictor, Scheme, Signal};
 pub use state::{ObserverState, StepRefusal, StepReport};
-pub use xkf::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};
+pub use xkf::{BiasMode, EulerState, SpecificForceForm, Xkf, XkfInput, XkfSettings};

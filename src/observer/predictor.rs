@@ -4,12 +4,13 @@
 //! papers' gains (spectral radius 25 a fix). So a copy w of position and velocity is integrated with the observer's own acceleration,
 //! ẇ_v = f̂ⁿ + g − 2ω_e × w_v, ẇ_p = w_v, is set to each fix, and w − (p̂, v̂) is injected at the IMU's rate.
 //!
-//! A fix stamped t_g < now is compared with the stored w(t_g), and its correction carried to now exactly: the difference of two
+//! A fix stamped t_g < now is compared with the stored w(t_g), and its correction extrapolated to now exactly: the difference of two
 //! solutions of ẅ_p = a is e_p + e_v (t − t_g). For a fix without delay this is the plain reset.
 //!
 //! On an axis whose velocity is not measured, w_v is the observer's own v̂ at every step (Theorem 2 of Grip: e_v = 0).
 
-use super::history::{Entry, History};
+use super::history::{MotionHistory, PastMotion};
+use super::tuning::{MAX_AHEAD, MAX_STEP};
 use crate::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
@@ -72,7 +73,7 @@ impl FixSample {
         Self { velocity_ned: some(velocity_ned), ..self }
     }
 
-    /// The same with a horizontal velocity only, as GPS_RAW_INT carries it (speed over ground and course).
+    /// The same with a horizontal velocity only, as GPS_RAW_INT has it (speed over ground and course).
     pub fn with_horizontal_velocity(self, north_mps: f64, east_mps: f64) -> Self {
         Self { velocity_ned: [Some(north_mps), Some(east_mps), None], ..self }
     }
@@ -125,16 +126,11 @@ pub struct Predictor {
     scheme: Scheme,
     hold: Span,
     earth_rate_ned: Vector3<f64>,
-    now: Option<Entry>,
-    history: History,
+    now: Option<PastMotion>,
+    history: MotionHistory,
     measured_position: [Option<AutopilotTime>; 3],
     measured_velocity: [Option<AutopilotTime>; 3],
 }
-
-/// How far a fix may lie ahead of the last IMU sample: clocks of receiver and IMU jitter by some samples.
-const MAX_AHEAD: Span = Span::from_millis(50);
-/// Longer gaps in the IMU's stream end the prediction.
-const MAX_STEP: Span = Span::from_millis(1000);
 
 impl Predictor {
     /// A predictor without a state. `history` is the longest delay a fix may have; `hold` is how long after its last measurement an axis
@@ -146,7 +142,7 @@ impl Predictor {
             hold,
             earth_rate_ned,
             now: None,
-            history: History::new(history, Span::from_millis(5)),
+            history: MotionHistory::new(history, Span::from_millis(5)),
             measured_position: [None; 3],
             measured_velocity: [None; 3],
         }
@@ -155,7 +151,7 @@ impl Predictor {
     /// Starts, or starts anew, from a full position and velocity. Forgets the history. Values that are not finite leave it without a state.
     pub fn reset(&mut self, stamp: AutopilotTime, position_ned: &Vector3<f64>, velocity_ned: &Vector3<f64>) {
         self.clear();
-        let entry = Entry { stamp, position_ned: *position_ned, velocity_ned: *velocity_ned };
+        let entry = PastMotion { stamp, position_ned: *position_ned, velocity_ned: *velocity_ned };
         if finite(position_ned) && finite(velocity_ned) {
             self.history.record(entry);
             self.now = Some(entry);
@@ -176,7 +172,7 @@ impl Predictor {
     }
 
     /// The newest w and its time.
-    pub fn latest(&self) -> Option<Entry> {
+    pub fn latest(&self) -> Option<PastMotion> {
         self.now
     }
 
@@ -212,7 +208,7 @@ impl Predictor {
             return false;
         }
         let mut entry =
-            Entry { stamp: now, position_ned: signal.position_ned, velocity_ned: signal.velocity_ned };
+            PastMotion { stamp: now, position_ned: signal.position_ned, velocity_ned: signal.velocity_ned };
         if self.scheme == Scheme::InterSample {
             for axis in 0..3 {
                 if !self.is_fresh(self.measured_velocity[axis], now) {
@@ -266,11 +262,11 @@ impl Predictor {
                 self.measured_velocity[axis] = Some(innovation.stamp);
             }
         }
-        let carried = match self.scheme {
+        let since = match self.scheme {
             Scheme::InterSample => now.stamp.seconds_since(innovation.stamp) * e_v,
             Scheme::Hold => Vector3::zeros(),
         };
-        now.position_ned += e_p + carried;
+        now.position_ned += e_p + since;
         now.velocity_ned += e_v;
         self.history.correct(innovation.stamp, &e_p, &e_v);
     }
@@ -283,7 +279,7 @@ impl Predictor {
         measured.then_some(signal)
     }
 
-    fn signal_at(&self, entry: &Entry) -> Signal {
+    fn signal_at(&self, entry: &PastMotion) -> Signal {
         Signal {
             position_ned: entry.position_ned,
             velocity_ned: entry.velocity_ned,
@@ -315,7 +311,7 @@ mod tests {
     }
 
     /// A predictor fed a known acceleration at 100 Hz, with fixes of the true motion, each `delay_ms` late. Returns its end state.
-    fn run(delay_ms: i64, offset_p: f64, offset_v: f64) -> (Entry, f64) {
+    fn run(delay_ms: i64, offset_p: f64, offset_v: f64) -> (PastMotion, f64) {
         let mut w = predictor(Span::from_millis(1000), Span::from_millis(2000));
         w.reset(at(0), &Vector3::new(offset_p, 0.0, 0.0), &Vector3::new(offset_v, 0.0, 0.0));
         // Truth integrated with the predictor's own rule, so that only the handling of delays is under test.

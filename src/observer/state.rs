@@ -1,7 +1,7 @@
 //! The state both observers share, and what a step returns.
 
 use super::predictor::Signal;
-use crate::geo::so3;
+use crate::geo::polar_rotation;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -35,7 +35,7 @@ impl ObserverState {
 
     /// The rotation nearest to R̂; `None` while R̂ is degenerate, as it may be for moments when converging from half a turn.
     pub fn r_body_to_ned(&self) -> Option<Matrix3<f64>> {
-        so3::nearest_rotation(&self.r_hat)
+        polar_rotation(&self.r_hat)
     }
 
     /// Specific force in NED, m/s²: R̂ f + ξ (Grip (6d)).

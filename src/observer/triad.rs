@@ -21,26 +21,6 @@ pub fn normalised_triad(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<M
     Some(Matrix3::from_columns(&[c1, c2, c3]))
 }
 
-/// Which columns the triads of Grip's observer have.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum TriadForm {
-    /// Each divided by its norm. The one to use.
-    Normalised,
-    /// As Grip (3b)-(3c) prints them: the rate of convergence then depends on the vectors' lengths, and Euler steps diverge where a
-    /// squared length times K_P dt passes 2. For comparison.
-    Raw {
-        /// Factor on the specific force inside the triads, s²/m: 1 as printed, 1/g for columns of order one.
-        force_scale: f64,
-    },
-}
-
-/// The columns [c₁, c₁×c₂, c₁×(c₁×c₂)] as they are (Grip (3b)-(3c)). `None` where [`normalised_triad`] has none.
-pub fn raw_triad(first: &Vector3<f64>, second: &Vector3<f64>) -> Option<Matrix3<f64>> {
-    normalised_triad(first, second)?;
-    let cross = first.cross(second);
-    Some(Matrix3::from_columns(&[*first, cross, first.cross(&cross)]))
-}
-
 /// Sine of the angle between two vectors; 0 where it is not defined.
 pub fn sine_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     let s = a.cross(b).norm() / (a.norm() * b.norm());
@@ -51,37 +31,6 @@ pub fn sine_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 /// A_n A_bᵀ − R̂: the TRIAD attitude less the estimate. Zero exactly when R̂ agrees with both vectors.
 pub fn injection(triad_ned: &Matrix3<f64>, triad_body: &Matrix3<f64>, r_hat: &Matrix3<f64>) -> Matrix3<f64> {
     triad_ned * triad_body.transpose() - r_hat
-}
-
-/// The injection J of any two triads of the same kind: (A_n − R̂ A_b) A_bᵀ (Grip (3a)).
-pub fn raw_injection(
-    triad_ned: &Matrix3<f64>,
-    triad_body: &Matrix3<f64>,
-    r_hat: &Matrix3<f64>,
-) -> Matrix3<f64> {
-    (triad_ned - r_hat * triad_body) * triad_body.transpose()
-}
-
-/// ΔR of Ṙ = diag(k) (A_n − R̂ A_b) A_bᵀ over dt, solved exactly: the columns c_j of A_b are orthogonal, so along each of them
-/// n_j − R̂c_j decays with the rate k_i |c_j|²: ΔR = Σ_j diag(1 − e^{−k_i dt |c_j|²}) (n_j − R̂c_j) c_jᵀ/|c_j|².
-pub fn exact_turn(
-    triad_ned: &Matrix3<f64>,
-    triad_body: &Matrix3<f64>,
-    r_hat: &Matrix3<f64>,
-    rate: &Vector3<f64>,
-    dt: f64,
-) -> Matrix3<f64> {
-    let missing = triad_ned - r_hat * triad_body;
-    let mut out = Matrix3::zeros();
-    for (n, c) in missing.column_iter().zip(triad_body.column_iter()) {
-        let c2 = c.norm_squared();
-        if c2 > 0.0 {
-            // 1 − e^{−x}, without cancellation at small x.
-            let reached = rate.map(|k| -(-k * dt * c2).exp_m1());
-            out += reached.component_mul(&n) * c.transpose() / c2;
-        }
-    }
-    out
 }
 
 #[cfg(test)]
@@ -107,28 +56,6 @@ mod tests {
                 let other = so3::exp(&b);
                 let long = ned * body.transpose() - other * body * body.transpose();
                 prop_assert!((injection(&ned, &body, &other) - long).norm() < 1e-12);
-            }
-        }
-    }
-
-    proptest! {
-        /// In small Euler steps the injection of raw triads does what the exact solution does at once.
-        #[test]
-        fn the_exact_turn_is_the_limit_of_small_steps(a in vector(), b in vector(), phi in vector()) {
-            let (a, b) = (a / 5.0, b / 5.0);
-            if let (true, Some(body)) = (a.cross(&b).norm() > 0.1, raw_triad(&a, &b)) {
-                let r = so3::exp(&phi);
-                let ned = raw_triad(&(r * a), &(r * b)).unwrap();
-                let rate = Vector3::new(1.0, 0.5, 0.2);
-                let start = Matrix3::identity();
-                let exact = start + exact_turn(&ned, &body, &start, &rate, 0.1);
-                let n = 20_000;
-                let mut steps = start;
-                for _ in 0..n {
-                    let j = raw_injection(&ned, &body, &steps);
-                    steps += Matrix3::from_diagonal(&rate) * j * (0.1 / f64::from(n));
-                }
-                prop_assert!((exact - steps).norm() < 2e-3, "{}", (exact - steps).norm());
             }
         }
     }

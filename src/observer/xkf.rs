@@ -16,10 +16,10 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::euler_model::{
-    BF, BW, Dynamics, P, Row, THETA, V, angle_axes, body_velocity, difference, direction, rate_to_angles,
-    turning_force,
+    BF, BW, JacobianRow, LinearisedKinematics, P, THETA, V, angle_axes, body_velocity, difference, direction,
+    rate_to_angles, turning_force,
 };
-pub use super::euler_model::{EulerState, STATES, XkfInput};
+pub use super::euler_model::{EulerState, STATES, SpecificForceForm, XkfInput};
 use super::state::{StepRefusal, check};
 use crate::filter::error_state::Gated;
 use crate::geo::so3::wrap_pi;
@@ -40,6 +40,8 @@ pub struct XkfSettings {
     pub flow_bias_time_constant_s: f64,
     /// Innovations beyond this many sigmas are rejected; infinite as published.
     pub gate_sigma: f64,
+    /// What the specific force y3 is taken for.
+    pub specific_force: SpecificForceForm,
 }
 
 /// Whether the biases are estimated.
@@ -52,7 +54,7 @@ pub enum BiasMode {
     Frozen,
 }
 
-/// What an update moved: to be carried into a remembered past.
+/// What an update moved: a remembered past moves with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct XkfCorrection {
     /// Of the position, NED, m.
@@ -70,6 +72,8 @@ pub struct Xkf {
     x: SVector<f64, STATES>,
     p: SMatrix<f64, STATES, STATES>,
     flow_bias: Vector3<f64>,
+    /// Of the last prediction.
+    biases: BiasMode,
 }
 
 impl Xkf {
@@ -83,7 +87,7 @@ impl Xkf {
     ) -> Self {
         let sigma = SVector::<f64, STATES>::from_iterator(sigma.iter().flat_map(|s| s.iter().copied()));
         let p = SMatrix::from_diagonal(&sigma.component_mul(&sigma));
-        Self { settings, x: start.vector(), p, flow_bias }
+        Self { settings, x: start.vector(), p, flow_bias, biases: BiasMode::Estimated }
     }
 
     /// The estimate. Angles are wrapped.
@@ -135,7 +139,7 @@ impl Xkf {
     ) -> Result<(), StepRefusal> {
         let u = input;
         check(u.dt_s, &[&u.angular_rate_body, &u.specific_force_body, &u.gravity_ned, &u.earth_rate_ned])?;
-        let d = Dynamics::new(about, u);
+        let d = LinearisedKinematics::new(about, u);
         let delta = difference(&self.x, &about.vector());
         let part = |at| delta.fixed_rows::<3>(at).into_owned();
         let mut rate = d.rate;
@@ -152,13 +156,20 @@ impl Xkf {
                 + d.velocity_by_accel_bias * part(BF),
         );
         self.x += u.dt_s * rate;
+        self.biases = biases;
         self.wrap();
         self.predict_covariance(&d, about, u.dt_s, biases);
         Ok(())
     }
 
     /// (I + F dt) P (I + F dt)ᵀ + Q dt, by blocks: the identity's rows are not multiplied.
-    fn predict_covariance(&mut self, d: &Dynamics, about: &EulerState, dt: f64, biases: BiasMode) {
+    fn predict_covariance(
+        &mut self,
+        d: &LinearisedKinematics,
+        about: &EulerState,
+        dt: f64,
+        biases: BiasMode,
+    ) {
         type Rows = SMatrix<f64, 3, STATES>;
         let rows =
             |p: &SMatrix<f64, STATES, STATES>, at: usize| -> Rows { p.fixed_rows::<3>(at).into_owned() };
@@ -297,7 +308,9 @@ impl Xkf {
         variance: f64,
     ) -> Result<XkfCorrection, Gated> {
         let axis = axis.min(2);
-        self.fuse_about(about, turning_force(about, input, axis), input.specific_force_body[axis], variance)
+        let frozen = self.biases == BiasMode::Frozen;
+        let expected = turning_force(about, input, self.settings.specific_force, frozen, axis);
+        self.fuse_about(about, expected, input.specific_force_body[axis], variance)
     }
 
     /// One axis of a direction known in NED and seen in body axes, a_b = Rᵀ a_n: the magnetic field of Grip's measurements.
@@ -337,7 +350,7 @@ impl Xkf {
     fn fuse_about(
         &mut self,
         about: &EulerState,
-        (expected, h): (f64, Row),
+        (expected, h): (f64, JacobianRow),
         measured: f64,
         variance: f64,
     ) -> Result<XkfCorrection, Gated> {
@@ -345,7 +358,7 @@ impl Xkf {
         self.fuse(&h, measured - expected - ahead, variance)
     }
 
-    fn fuse(&mut self, h: &Row, innovation: f64, variance: f64) -> Result<XkfCorrection, Gated> {
+    fn fuse(&mut self, h: &JacobianRow, innovation: f64, variance: f64) -> Result<XkfCorrection, Gated> {
         let (ph, s) = self.gate(h, innovation, variance)?;
         let dx = ph * (innovation / s);
         self.x += dx;
@@ -362,7 +375,12 @@ impl Xkf {
     }
 
     /// P hᵀ and the innovation's variance, if the innovation is likely enough.
-    fn gate(&self, h: &Row, innovation: f64, variance: f64) -> Result<(SVector<f64, STATES>, f64), Gated> {
+    fn gate(
+        &self,
+        h: &JacobianRow,
+        innovation: f64,
+        variance: f64,
+    ) -> Result<(SVector<f64, STATES>, f64), Gated> {
         let ph = self.p * h.transpose();
         let s = (h * ph)[0] + variance;
         let normalised = innovation / s.sqrt();
@@ -392,8 +410,8 @@ impl Xkf {
 }
 
 /// The row of a measurement of one state itself.
-fn unit(index: usize) -> Row {
-    let mut h = Row::zeros();
+fn unit(index: usize) -> JacobianRow {
+    let mut h = JacobianRow::zeros();
     h[index] = 1.0;
     h
 }

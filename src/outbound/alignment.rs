@@ -7,6 +7,7 @@
 
 use nalgebra::Vector3;
 
+use crate::geo::Ned;
 use crate::navigator::solution::Solution;
 use crate::time::AutopilotTime;
 
@@ -25,7 +26,7 @@ const OUTLIERS_BELIEVED: u32 = 25;
 /// Offset from our frame to the autopilot's.
 #[derive(Clone, Debug)]
 pub struct Alignment {
-    offset_ned: Vector3<f64>,
+    offset: Ned<Vector3<f64>>,
     observations: u32,
     last: Option<AutopilotTime>,
     origin_shared: bool,
@@ -35,12 +36,18 @@ pub struct Alignment {
 impl Alignment {
     /// Nothing known.
     pub(super) fn new() -> Self {
-        Self { offset_ned: Vector3::zeros(), observations: 0, last: None, origin_shared: false, outliers: 0 }
+        Self {
+            offset: Ned::new(Vector3::zeros()),
+            observations: 0,
+            last: None,
+            origin_shared: false,
+            outliers: 0,
+        }
     }
 
     /// What to add to our position to have it in the autopilot's frame, m.
-    pub fn offset_ned(&self) -> Vector3<f64> {
-        self.offset_ned
+    pub fn offset(&self) -> Ned<Vector3<f64>> {
+        self.offset
     }
 
     /// Whether the frames are known to agree: by a shared origin, or by comparing positions.
@@ -57,14 +64,14 @@ impl Alignment {
         self.origin_shared = true;
     }
 
-    pub(super) fn observe(&mut self, time: AutopilotTime, autopilot_ned: &Vector3<f64>, solution: &Solution) {
+    pub(super) fn observe(&mut self, time: AutopilotTime, autopilot: Ned<Vector3<f64>>, solution: &Solution) {
         let age = solution.time.seconds_since(time);
         if age.abs() > MAX_AGE_S || self.last.is_some_and(|t| time <= t) {
             return;
         }
-        let ours = solution.position_ned - solution.velocity_ned * age;
-        let difference = autopilot_ned - ours;
-        if self.learned() && (difference - self.offset_ned).norm() > OUTLIER_M {
+        let ours = solution.position - solution.velocity * age;
+        let difference = autopilot - ours;
+        if self.learned() && (difference - self.offset).raw().norm() > OUTLIER_M {
             // One wild position is no new frame; many in a row are: the autopilot has reset its own.
             self.outliers += 1;
             if self.outliers < OUTLIERS_BELIEVED {
@@ -76,7 +83,7 @@ impl Alignment {
         let dt = self.last.map_or(0.2, |t| time.seconds_since(t).min(1.0));
         // The plain mean at first, a low pass later.
         let gain = (dt / TIME_CONSTANT_S).max(1.0 / f64::from(self.observations + 1));
-        self.offset_ned += (difference - self.offset_ned) * gain.min(1.0);
+        self.offset = self.offset + (difference - self.offset) * gain.min(1.0);
         self.observations = self.observations.saturating_add(1);
         self.last = Some(time);
     }

@@ -1,8 +1,8 @@
 //! The messages, before they become MAVLink.
 
-use nalgebra::{Matrix3, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3};
 
-use crate::geo::so3::Euler;
+use crate::geo::{Body, BodyToNed, Ned};
 use crate::time::AutopilotTime;
 
 /// Frame of the pose in ODOMETRY.
@@ -21,14 +21,14 @@ pub struct Odometry {
     pub time: AutopilotTime,
     /// Frame of the pose; the child frame is always MAV_FRAME_BODY_FRD.
     pub frame: PoseFrame,
-    /// North, east, down from the autopilot's origin, m.
-    pub position: Vector3<f64>,
-    /// Unit quaternion [w, x, y, z], body to local.
-    pub attitude: Vector4<f64>,
-    /// Velocity, body, m/s.
-    pub velocity_body: Vector3<f64>,
-    /// Angular rate, body, rad/s.
-    pub angular_rate_body: Vector3<f64>,
+    /// From the autopilot's origin, m.
+    pub position: Ned<Vector3<f64>>,
+    /// Attitude.
+    pub attitude: BodyToNed,
+    /// Velocity, m/s.
+    pub velocity: Body<Vector3<f64>>,
+    /// Angular rate, rad/s.
+    pub angular_rate: Body<Vector3<f64>>,
     /// Upper triangle, row by row, of the covariance of (x, y, z, roll, pitch, yaw).
     pub pose_covariance: [f64; 21],
     /// The same of (vx, vy, vz, roll rate, pitch rate, yaw rate).
@@ -44,10 +44,10 @@ pub struct Odometry {
 pub struct VisionPosition {
     /// When it holds.
     pub time: AutopilotTime,
-    /// North, east, down from the autopilot's origin, m.
-    pub position: Vector3<f64>,
+    /// From the autopilot's origin, m.
+    pub position: Ned<Vector3<f64>>,
     /// Attitude.
-    pub euler: Euler,
+    pub attitude: BodyToNed,
     /// As in [`Odometry`].
     pub pose_covariance: [f64; 21],
     /// As in [`Odometry`].
@@ -70,9 +70,9 @@ pub enum OutboundMessage {
         /// When it holds.
         time: AutopilotTime,
         /// Velocity, m/s.
-        velocity_ned: Vector3<f64>,
+        velocity: Ned<Vector3<f64>>,
         /// Its covariance, m²/s².
-        covariance: Matrix3<f64>,
+        covariance: Ned<Matrix3<f64>>,
         /// As in [`Odometry`].
         reset_counter: u8,
     },

@@ -8,12 +8,10 @@
 pub mod alignment;
 pub mod message;
 
-use std::str::FromStr;
-
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use strum::{Display, EnumString};
 
-use crate::geo::so3;
 use crate::navigator::solution::{Mode, Solution};
 use crate::sample::Reference;
 use crate::time::{AutopilotTime, Span};
@@ -44,8 +42,9 @@ pub enum Carriage {
 }
 
 /// How a kind of autopilot wants to be told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case", parse_err_ty = String, parse_err_fn = unknown_profile)]
 pub enum Profile {
     /// ArduPilot.
     Ardupilot,
@@ -53,15 +52,8 @@ pub enum Profile {
     Px4,
 }
 
-impl FromStr for Profile {
-    type Err = String;
-    fn from_str(s: &str) -> Result<Self, String> {
-        match s {
-            "ardupilot" => Ok(Profile::Ardupilot),
-            "px4" => Ok(Profile::Px4),
-            other => Err(format!("unknown profile \"{other}\": expected \"ardupilot\" or \"px4\"")),
-        }
-    }
+fn unknown_profile(name: &str) -> String {
+    format!("unknown profile \"{name}\": expected \"ardupilot\" or \"px4\"")
 }
 
 /// Settings of the output.
@@ -145,11 +137,11 @@ impl Outbound {
         let independent =
             self.last_published.is_none_or(|t| solution.time.seconds_since(t) > INDEPENDENT_AFTER_S);
         let independent = independent || !self.alignment.learned();
-        if let Reference::Local { time, position_ned, .. } = reference
+        if let Reference::Local { time, position, .. } = reference
             && solution.mode == Mode::Aided
             && independent
         {
-            self.alignment.observe(*time, position_ned, solution);
+            self.alignment.observe(*time, *position, solution);
         }
     }
 
@@ -185,14 +177,14 @@ impl Outbound {
                 out.push(OutboundMessage::VisionPosition(VisionPosition {
                     time: odometry.time,
                     position: odometry.position,
-                    euler: so3::Euler::from_rotation(&solution.r_body_to_ned),
+                    attitude: odometry.attitude,
                     pose_covariance: odometry.pose_covariance,
                     reset_counter: odometry.reset_counter,
                 }));
                 if self.settings.profile == Profile::Ardupilot {
                     out.push(OutboundMessage::VisionSpeed {
                         time: solution.time,
-                        velocity_ned: solution.velocity_ned,
+                        velocity: solution.velocity,
                         covariance: solution.velocity_covariance,
                         reset_counter: solution.reset_counter,
                     });
@@ -212,19 +204,18 @@ impl Outbound {
     }
 
     fn odometry(&self, s: &Solution) -> Odometry {
-        let r = &s.r_body_to_ned;
-        let velocity_covariance = r.transpose() * s.velocity_covariance * r;
+        let velocity_covariance = s.attitude.covariance_to_body(s.velocity_covariance).raw();
         Odometry {
             time: s.time,
             frame: match self.settings.profile {
                 Profile::Ardupilot => PoseFrame::LocalFrd,
                 Profile::Px4 => PoseFrame::LocalNed,
             },
-            position: s.position_ned + self.alignment.offset_ned(),
-            attitude: so3::to_quaternion(r),
-            velocity_body: r.transpose() * s.velocity_ned,
-            angular_rate_body: s.angular_rate_body,
-            pose_covariance: message::upper_triangle(&s.position_covariance, &s.attitude_variance),
+            position: s.position + self.alignment.offset(),
+            attitude: s.attitude,
+            velocity: s.attitude.to_body(s.velocity),
+            angular_rate: s.angular_rate,
+            pose_covariance: message::upper_triangle(&s.position_covariance.raw(), &s.attitude_variance),
             velocity_covariance: message::upper_triangle(
                 &velocity_covariance,
                 &Vector3::from_element(RATE_VARIANCE),
@@ -252,6 +243,7 @@ const RATE_VARIANCE: f64 = 1e-4;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geo::{Body, BodyToNed, Ned, so3};
     use crate::navigator::solution::VelocitySource;
     use nalgebra::Matrix3;
 
@@ -271,12 +263,12 @@ mod tests {
             time: AutopilotTime::from_micros(ms * 1000),
             mode,
             velocity_source: VelocitySource::Flow,
-            position_ned: Vector3::new(10.0, 20.0, -5.0),
-            velocity_ned: Vector3::new(1.0, 2.0, 0.5),
-            r_body_to_ned: so3::exp(&Vector3::new(0.1, -0.2, 2.0)),
-            angular_rate_body: Vector3::zeros(),
-            position_covariance: Matrix3::identity() * 4.0,
-            velocity_covariance: Matrix3::identity() * 0.04,
+            position: Ned::new(Vector3::new(10.0, 20.0, -5.0)),
+            velocity: Ned::new(Vector3::new(1.0, 2.0, 0.5)),
+            attitude: BodyToNed::from_matrix(&so3::exp(&Vector3::new(0.1, -0.2, 2.0))),
+            angular_rate: Body::new(Vector3::zeros()),
+            position_covariance: Ned::new(Matrix3::identity() * 4.0),
+            velocity_covariance: Ned::new(Matrix3::identity() * 0.04),
             attitude_variance: Vector3::new(1e-4, 1e-4, 4e-4),
             reset_counter: 3,
         }
@@ -305,9 +297,9 @@ mod tests {
         assert!((299..=301).contains(&sent.len()), "{}", sent.len());
         assert!(sent.windows(2).all(|w| w[1].time > w[0].time));
         assert_eq!(sent[0].frame, PoseFrame::LocalFrd);
-        assert!((sent[0].attitude.norm() - 1.0).abs() < 1e-12);
         let v = solution(0, Mode::Holdover);
-        assert!((sent[0].velocity_body - v.r_body_to_ned.transpose() * v.velocity_ned).norm() < 1e-12);
+        assert_eq!(sent[0].attitude, v.attitude);
+        assert!((v.attitude.to_ned(sent[0].velocity) - v.velocity).raw().norm() < 1e-12);
         assert_eq!(run(&mut out, 11_000, 12_000, Mode::Aided).len(), 0);
     }
 
@@ -335,13 +327,14 @@ mod tests {
             let s = solution(ms, Mode::Aided);
             let reference = Reference::Local {
                 time: s.time,
-                position_ned: s.position_ned + Vector3::new(0.5, -1.0, 2.0),
-                velocity_ned: s.velocity_ned,
+                position: s.position + Ned::new(Vector3::new(0.5, -1.0, 2.0)),
+                velocity: s.velocity,
             };
             out.reference(&reference, &s);
         }
         let sent = run(&mut out, 30_000, 30_100, Mode::Holdover);
-        assert!((sent[0].position - Vector3::new(10.5, 19.0, -3.0)).norm() < 0.05, "{}", sent[0].position);
+        let position = sent[0].position.raw();
+        assert!((position - Vector3::new(10.5, 19.0, -3.0)).norm() < 0.05, "{position}");
     }
 
     #[test]
@@ -350,16 +343,15 @@ mod tests {
         let tell = |out: &mut Outbound, from: i64, to: i64, north: f64| {
             for ms in (from..to).step_by(100) {
                 let s = solution(ms, Mode::Aided);
-                let position_ned = s.position_ned + Vector3::new(north, 0.0, 0.0);
-                let velocity_ned = s.velocity_ned;
-                out.reference(&Reference::Local { time: s.time, position_ned, velocity_ned }, &s);
+                let position = s.position + Ned::new(Vector3::new(north, 0.0, 0.0));
+                out.reference(&Reference::Local { time: s.time, position, velocity: s.velocity }, &s);
             }
         };
         tell(&mut out, 0, 5000, 1.0);
         tell(&mut out, 5000, 5100, 900.0);
-        assert!((out.alignment().offset_ned().x - 1.0).abs() < 1e-9);
+        assert!((out.alignment().offset().raw().x - 1.0).abs() < 1e-9);
         tell(&mut out, 5100, 15_000, 30.0);
-        assert!((out.alignment().offset_ned().x - 30.0).abs() < 0.1);
+        assert!((out.alignment().offset().raw().x - 30.0).abs() < 0.1);
     }
 
     #[test]

@@ -64,8 +64,8 @@ pub fn airborne(log: &Log) -> Result<Option<(f64, f64)>, LogError> {
                 Input::Reference(r) => {
                     start.get_or_insert(r.time());
                     match r {
-                        Reference::Truth(t) => match (t.position, t.velocity_ned) {
-                            (Some(p), Some(v)) => (t.time, 0, p.height_m, v.xy().norm()),
+                        Reference::Truth(t) => match (t.position, t.velocity) {
+                            (Some(p), Some(v)) => (t.time, 0, p.height_m, v.raw().xy().norm()),
                             _ => return,
                         },
                         _ => return,

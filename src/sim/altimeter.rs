@@ -6,8 +6,9 @@
 //! variances (13) and (18), independent of each other.
 
 use nalgebra::Vector5;
+use strum::IntoStaticStr;
 
-use super::noise::{Dice, Stream};
+use super::noise::{SensorRng, Stream};
 use crate::altimeter::ErrorModel;
 
 /// Td of Table 1, s.
@@ -26,31 +27,43 @@ const AFTER_OUTAGE: usize = 400;
 const STAGGERED: [(usize, usize); 2] = [(150, 300), (250, 400)];
 
 /// What is wrong in a run, and when.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, IntoStaticStr)]
 pub enum FaultCase {
     /// Scenario 0: nothing.
+    #[strum(serialize = "0")]
     FaultFree,
     /// Scenario 1: both channels noisy.
+    #[strum(serialize = "1")]
     BothNoisy,
     /// Scenario 2: the barometer biased.
+    #[strum(serialize = "2")]
     BaroBiased,
     /// Scenario 3: both biased.
+    #[strum(serialize = "3")]
     BothBiased,
     /// Scenario 4: the barometer noisy.
+    #[strum(serialize = "4")]
     BaroNoisy,
     /// Scenario 5: the barometer noisy, GNSS biased.
+    #[strum(serialize = "5")]
     BaroNoisyGpsBiased,
     /// The barometer's bias grows by [`RAMP_MPS`] on iterations 200 to 400, to 5 m, and is gone after.
+    #[strum(serialize = "ramp_baro")]
     RampBaro,
     /// The same of GNSS.
+    #[strum(serialize = "ramp_gps")]
     RampGps,
     /// The barometer biased from iteration 200 to the end of 1500.
+    #[strum(serialize = "permanent")]
     PermanentBaro,
     /// The same of GNSS.
+    #[strum(serialize = "permanent_gps")]
     PermanentGps,
     /// The barometer biased on iterations 150 to 300, GNSS on 250 to 400.
+    #[strum(serialize = "staggered")]
     Staggered,
     /// Both channels missing for so many iterations after the 199th, and 400 more with both.
+    #[strum(serialize = "outage")]
     Outage(usize),
 }
 
@@ -74,21 +87,8 @@ impl FaultCase {
     ];
 
     /// The paper's scenarios are numbers.
-    pub fn label(&self) -> &'static str {
-        match self {
-            Self::FaultFree => "0",
-            Self::BothNoisy => "1",
-            Self::BaroBiased => "2",
-            Self::BothBiased => "3",
-            Self::BaroNoisy => "4",
-            Self::BaroNoisyGpsBiased => "5",
-            Self::RampBaro => "ramp_baro",
-            Self::RampGps => "ramp_gps",
-            Self::PermanentBaro => "permanent",
-            Self::PermanentGps => "permanent_gps",
-            Self::Staggered => "staggered",
-            Self::Outage(_) => "outage",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 
     /// Length of a run.
@@ -186,17 +186,17 @@ impl AltimeterRun {
     /// The run of a seed with this number. Truth and noise depend on the seed and the number alone, not on the faults, so that cases and
     /// sizes are compared on the same numbers.
     pub fn draw(model: &ErrorModel, case: FaultCase, size: FaultSize, seed: u64, number: u32) -> Self {
-        let mut dice = Dice::of_run(seed, Stream::Altimeter, number);
+        let mut rng = SensorRng::of_run(seed, Stream::Altimeter, number);
         let (phi, noise) = (model.transition(STEP_S), model.process_noise(STEP_S).map(f64::sqrt));
         let sigmas = [model.baro_variance().sqrt(), model.gps_variance().sqrt()];
-        let mut x = model.start_sigmas().map(|s| s * dice.normal());
+        let mut x = model.start_sigmas().map(|s| s * rng.normal());
         let steps = (1..=case.steps())
             .map(|i| {
-                x = phi * x + noise.map(|s| s * dice.normal());
+                x = phi * x + noise.map(|s| s * rng.normal());
                 let faults = case.faults(i, size);
                 let clean = [x[0] - x[4], x[0]];
                 let z: [Option<f64>; 2] = std::array::from_fn(|c| {
-                    let v = sigmas[c] * faults[c].variance_factor.sqrt() * dice.normal();
+                    let v = sigmas[c] * faults[c].variance_factor.sqrt() * rng.normal();
                     (!faults[c].missing).then_some(clean[c] + v + faults[c].bias_m)
                 });
                 AltimeterStep { truth: x, z_ibi: z[0], z_iig: z[1], baro: faults[0], gps: faults[1] }

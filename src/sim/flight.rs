@@ -1,13 +1,12 @@
 //! A scenario flown with sensors: readings step by step, and the samples that a decoder would have made of them.
 
 use super::models::{
-    Airspeed, AirspeedModel, Barometer, BarometerModel, BarometerReading, FeatureModel, FeatureReading,
-    Features, Flow, FlowModel, FlowReading, Gnss, GnssModel, GnssReading, Imu, ImuModel, ImuReading,
-    Magnetometer, MagnetometerModel, Range, RangeModel,
+    Airspeed, AirspeedModel, Barometer, BarometerModel, BarometerReading, Flow, FlowModel, FlowReading, Gnss,
+    GnssModel, GnssReading, Imu, ImuModel, ImuReading, Magnetometer, MagnetometerModel, Range, RangeModel,
 };
 use super::scenario::Scenario;
 use super::trajectory::{Trajectory, Truth};
-use crate::geo::LocalNed;
+use crate::geo::{Body, LocalNed};
 use crate::sample::{
     AirspeedSample, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
     RangeDirection, RangeSample, Sample,
@@ -31,10 +30,8 @@ pub struct SensorSuite {
     pub magnetometer: Option<MagnetometerModel>,
     /// Barometer.
     pub barometer: Option<BarometerModel>,
-    /// Flow as velocity and patch.
+    /// Flow.
     pub flow: Option<FlowModel>,
-    /// Flow as image features (in the reading only: no sample carries them).
-    pub features: Option<FeatureModel>,
     /// Rangefinder.
     pub range: Option<RangeModel>,
     /// Airspeed.
@@ -50,7 +47,6 @@ impl SensorSuite {
             magnetometer: Some(MagnetometerModel::ideal()),
             barometer: Some(BarometerModel::ideal()),
             flow: Some(FlowModel::ideal()),
-            features: None,
             range: None,
             airspeed: None,
         }
@@ -106,8 +102,6 @@ pub struct Reading {
     pub barometer: Option<BarometerReading>,
     /// Flow that arrives now.
     pub flow: Option<FlowReading>,
-    /// Features in a picture taken now.
-    pub features: Option<FeatureReading>,
     /// Distance along body z, m.
     pub range_m: Option<f64>,
     /// Equivalent airspeed, m/s.
@@ -143,7 +137,6 @@ pub struct Simulation {
     magnetometer: Option<Magnetometer>,
     barometer: Option<Barometer>,
     flow: Option<Flow>,
-    features: Option<Features>,
     range: Option<Range>,
     airspeed: Option<Airspeed>,
 }
@@ -162,7 +155,6 @@ impl Simulation {
             magnetometer: suite.magnetometer.map(|m| Magnetometer::new(m, seed, &scenario.environment)),
             barometer: suite.barometer.map(|m| Barometer::new(m, seed, scenario.origin.height_m)),
             flow: suite.flow.map(|m| Flow::new(m, seed)),
-            features: suite.features.map(|m| Features::new(m, seed)),
             range: suite.range.map(|m| Range::new(m, seed)),
             airspeed: suite.airspeed.map(|m| Airspeed::new(m, seed, scenario.origin.height_m)),
             scenario,
@@ -217,7 +209,6 @@ impl Simulation {
                 s.magnetometer.map(|m| m.period_s),
                 s.barometer.map(|m| m.period_s),
                 s.flow.map(|m| m.period_s),
-                s.features.map(|m| m.period_s),
                 s.range.map(|m| m.period_s),
                 s.airspeed.map(|m| m.period_s),
             ]
@@ -234,12 +225,11 @@ impl Simulation {
             field_body: self.magnetometer.as_mut().filter(|_| due[1]).map(|m| m.sample(world, &truth)),
             barometer: self.barometer.as_mut().filter(|_| due[2]).map(|b| b.sample(&truth)),
             flow: self.flow.as_mut().filter(|_| due[3]).and_then(|f| f.sample(world, scenario, t_s)),
-            features: self.features.as_mut().filter(|_| due[4]).map(|f| f.sample(world, &truth)),
-            range_m: self.range.as_mut().filter(|_| due[5]).map(|r| r.sample(world, &truth)),
+            range_m: self.range.as_mut().filter(|_| due[4]).map(|r| r.sample(world, &truth)),
             airspeed_mps: self
                 .airspeed
                 .as_mut()
-                .filter(|_| due[6])
+                .filter(|_| due[5])
                 .map(|a| a.sample(&scenario.wind_ned, &truth)),
             samples: Samples::default(),
         };
@@ -266,8 +256,8 @@ impl Reading {
         let time = self.time;
         let imu = ImuSample {
             time,
-            angular_rate_body: self.imu.measured.angular_rate,
-            specific_force_body: self.imu.measured.specific_force,
+            angular_rate: Body::new(self.imu.measured.angular_rate),
+            specific_force: Body::new(self.imu.measured.specific_force),
         };
         let range = |distance_m| RangeSample {
             time,
@@ -278,7 +268,7 @@ impl Reading {
         };
         Samples([
             Some(Sample::Imu(imu)),
-            self.field_body.map(|field_body| Sample::Mag(MagSample { time, sensor: 0, field_body })),
+            self.field_body.map(|field| Sample::Mag(MagSample { time, sensor: 0, field: Body::new(field) })),
             self.barometer
                 .map(|b| Sample::Pressure(PressureSample { time, sensor: 0, pressure_pa: b.pressure_pa })),
             self.range_m.map(|d| Sample::Range(range(d))),

@@ -5,9 +5,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::noise::{Dice, Stream};
+use super::noise::{SensorRng, Stream};
 use super::trajectory::{Trajectory, Truth};
 use crate::geo::so3::{exp, left_jacobian, log};
+use crate::geo::{Body, CameraMount};
 
 /// Markers with their ids, NED, m.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,10 +20,10 @@ pub struct MarkerField {
 impl MarkerField {
     /// Evenly spread over a square of ±`half_m` about the origin and up to `height_m` above the ground (0: coplanar).
     pub fn scattered(seed: u64, count: u8, half_m: f64, height_m: f64) -> Self {
-        let mut dice = Dice::new(seed, Stream::LandmarkStart);
+        let mut rng = SensorRng::new(seed, Stream::LandmarkStart);
         let mut marker = |id| {
-            let (n, e) = (dice.between(-half_m, half_m), dice.between(-half_m, half_m));
-            (id, Vector3::new(n, e, -dice.between(0.0, height_m)))
+            let (n, e) = (rng.between(-half_m, half_m), rng.between(-half_m, half_m));
+            (id, Vector3::new(n, e, -rng.between(0.0, height_m)))
         };
         Self { markers: (0..count).map(&mut marker).collect() }
     }
@@ -37,12 +38,10 @@ impl MarkerField {
 
 /// A camera that knows markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LandmarkCamera {
-    /// From camera (x right, y down, z along the axis) to body axes.
-    pub r_camera_to_body: Matrix3<f64>,
-    /// Where it is in the body, m.
-    pub lever_body: Vector3<f64>,
-    /// Half of the field of view along x and y, rad.
+pub struct MarkerCamera {
+    /// Where and how it sits.
+    pub mount: CameraMount,
+    /// Half of the field of view along the image's right and down, rad.
     pub half_field_of_view_rad: [f64; 2],
     /// Pictures every so many steps of the flight.
     pub every: usize,
@@ -58,12 +57,14 @@ pub struct LandmarkCamera {
     pub wrong_ids: f64,
 }
 
-impl LandmarkCamera {
+impl MarkerCamera {
     /// Looks down with a wide lens, 10 pictures a second at 50 steps a second, 0.015 rad.
     pub fn downward() -> Self {
         Self {
-            r_camera_to_body: Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0),
-            lever_body: Vector3::new(0.1, 0.0, 0.05),
+            mount: CameraMount {
+                lever_arm: Body::new(Vector3::new(0.1, 0.0, 0.05)),
+                ..CameraMount::downward()
+            },
             half_field_of_view_rad: [1.1, 1.1],
             every: 5,
             bearing_sigma_rad: 0.015,
@@ -136,7 +137,7 @@ pub struct SeenLandmark {
     pub id: u8,
     /// Whether that is true.
     pub is_right: bool,
-    /// Angles from the optical axis along x and y, rad.
+    /// Angles from the optical axis to the image's right and down, rad.
     pub angle_xy: [f64; 2],
 }
 
@@ -156,15 +157,15 @@ impl LandmarkFlight {
     pub fn fly(
         trajectory: &(impl Trajectory + ?Sized),
         field: &MarkerField,
-        camera: &LandmarkCamera,
+        camera: &MarkerCamera,
         noise: &MotionNoise,
         [step_s, duration_s]: [f64; 2],
         seed: u64,
     ) -> Self {
-        let mut dice = Dice::new(seed, Stream::LandmarkMotion);
-        let velocity_bias = dice.signed3(&Vector3::from_element(noise.velocity_bias_mps));
-        let rate_bias = dice.signed3(&Vector3::from_element(noise.rate_bias_radps));
-        let mut eye = Dice::new(seed, Stream::Landmarks);
+        let mut rng = SensorRng::new(seed, Stream::LandmarkMotion);
+        let velocity_bias = rng.signed3(&Vector3::from_element(noise.velocity_bias_mps));
+        let rate_bias = rng.signed3(&Vector3::from_element(noise.rate_bias_radps));
+        let mut eye = SensorRng::new(seed, Stream::Landmarks);
         let count = (duration_s / step_s).round() as usize;
         let start = trajectory.at(0.0);
         let (mut before, mut steps, mut seen) = (start, Vec::with_capacity(count), Vec::new());
@@ -175,9 +176,9 @@ impl LandmarkFlight {
             let gravity = truth.r_body_to_ned.tr_mul(&Vector3::z());
             steps.push(LandmarkStep {
                 truth,
-                velocity_body: velocity + velocity_bias + noise.velocity_mps * dice.normals(),
-                angular_rate_body: rate + rate_bias + noise.rate_radps * dice.normals(),
-                down_body: (gravity + noise.gravity_rad * dice.normals()).normalize(),
+                velocity_body: velocity + velocity_bias + noise.velocity_mps * rng.normals(),
+                angular_rate_body: rate + rate_bias + noise.rate_radps * rng.normals(),
+                down_body: (gravity + noise.gravity_rad * rng.normals()).normalize(),
             });
             if k % camera.every.max(1) == 0 {
                 picture(&truth, field, camera, &mut eye, &mut seen);
@@ -200,17 +201,19 @@ fn held(from: &Truth, to: &Truth, step_s: f64) -> (Vector3<f64>, Vector3<f64>) {
 pub(super) fn picture(
     truth: &Truth,
     field: &MarkerField,
-    camera: &LandmarkCamera,
-    dice: &mut Dice,
+    camera: &MarkerCamera,
+    rng: &mut SensorRng,
     seen: &mut Vec<SeenLandmark>,
 ) {
-    let heard_s = truth.t_s + camera.delay_s + camera.jitter_s * dice.between(0.0, 1.0);
+    let heard_s = truth.t_s + camera.delay_s + camera.jitter_s * rng.between(0.0, 1.0);
     for (id, marker) in &field.markers {
-        let in_body = truth.r_body_to_ned.tr_mul(&(marker - truth.position_ned)) - camera.lever_body;
-        let direction = camera.r_camera_to_body.tr_mul(&in_body).normalize();
-        let noisy = (direction + camera.bearing_sigma_rad * dice.normals()).normalize();
+        let in_body =
+            Body::new(truth.r_body_to_ned.tr_mul(&(marker - truth.position_ned))) - camera.mount.lever_arm;
+        let in_image = camera.mount.camera_to_body.to_camera(in_body).right_down_along();
+        let direction = Vector3::from(in_image).normalize();
+        let noisy = (direction + camera.bearing_sigma_rad * rng.normals()).normalize();
         let (lost, wrong, other) =
-            (dice.chance(camera.dropout), dice.chance(camera.wrong_ids), dice.between(0.0, 1.0));
+            (rng.chance(camera.dropout), rng.chance(camera.wrong_ids), rng.between(0.0, 1.0));
         let angle_xy = [noisy.x.atan2(noisy.z), noisy.y.atan2(noisy.z)];
         let in_view = (0..2).all(|i| angle_xy[i].abs() <= camera.half_field_of_view_rad[i]);
         if lost || !in_view {
@@ -235,11 +238,11 @@ pub fn wrong_start(
     attitude_rad: Option<f64>,
     seed: u64,
 ) -> (Vector3<f64>, Matrix3<f64>) {
-    let mut dice = Dice::new(seed, Stream::LandmarkStart);
-    let axis = dice.normals().try_normalize(1e-9).unwrap_or_else(Vector3::z);
-    let any = dice.between(0.0, std::f64::consts::PI);
+    let mut rng = SensorRng::new(seed, Stream::LandmarkStart);
+    let axis = rng.normals().try_normalize(1e-9).unwrap_or_else(Vector3::z);
+    let any = rng.between(0.0, std::f64::consts::PI);
     let turn = exp(&(axis * attitude_rad.unwrap_or(any)));
-    (truth.position_ned + position_m * dice.normals(), turn * truth.r_body_to_ned)
+    (truth.position_ned + position_m * rng.normals(), turn * truth.r_body_to_ned)
 }
 
 #[cfg(test)]
@@ -247,14 +250,14 @@ mod tests {
     use super::*;
     use crate::sim::Wander;
 
-    fn flight(camera: &LandmarkCamera, noise: &MotionNoise) -> LandmarkFlight {
+    fn flight(camera: &MarkerCamera, noise: &MotionNoise) -> LandmarkFlight {
         let field = MarkerField::scattered(5, 10, 4.0, 1.3);
         LandmarkFlight::fly(&Wander::over_field(0.2), &field, camera, noise, [0.02, 40.0], 3)
     }
 
     #[test]
     fn held_motions_lead_from_pose_to_pose() {
-        let f = flight(&LandmarkCamera::downward(), &MotionNoise::NONE);
+        let f = flight(&MarkerCamera::downward(), &MotionNoise::NONE);
         let (mut p, mut r) = (f.start.position_ned, f.start.r_body_to_ned);
         for s in &f.steps {
             let turn = s.angular_rate_body * 0.02;
@@ -266,14 +269,14 @@ mod tests {
 
     #[test]
     fn loss_mistakes_and_delays_are_as_often_and_long_as_told() {
-        let all = flight(&LandmarkCamera::downward(), &MotionNoise::NONE).seen;
+        let all = flight(&MarkerCamera::downward(), &MotionNoise::NONE).seen;
         assert!(all.len() > 2000 && all.iter().all(|s| s.is_right && s.heard_s == s.taken_s));
-        let camera = LandmarkCamera {
+        let camera = MarkerCamera {
             dropout: 0.4,
             wrong_ids: 0.1,
             delay_s: 0.1,
             jitter_s: 0.2,
-            ..LandmarkCamera::downward()
+            ..MarkerCamera::downward()
         };
         let some = flight(&camera, &MotionNoise::NONE).seen;
         let part = some.len() as f64 / all.len() as f64;

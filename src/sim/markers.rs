@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use super::landmarks::{LandmarkCamera, MarkerField, SeenLandmark, picture};
-use super::noise::{Dice, Stream};
+use super::landmarks::{MarkerCamera, MarkerField, SeenLandmark, picture};
+use super::noise::{SensorRng, Stream};
 use super::trajectory::{Trajectory, Truth};
 
 /// A marker may stand this far from its place in the grid, of the spacing: a regular grid looks the same from everywhere.
@@ -25,7 +25,7 @@ impl MarkerField {
         spacing_m: f64,
         seed: u64,
     ) -> Option<Self> {
-        let mut dice = Dice::new(seed, Stream::LandmarkStart);
+        let mut rng = SensorRng::new(seed, Stream::LandmarkStart);
         let (mut low, mut high) = (route.at(0.0).position_ned, route.at(0.0).position_ned);
         for k in 0..=(duration_s / LOOK_S) as u64 {
             let p = route.at(k as f64 * LOOK_S).position_ned;
@@ -40,10 +40,10 @@ impl MarkerField {
         for row in 0..rows as u32 {
             for column in 0..columns as u32 {
                 let mut place = |low: f64, n: u32| {
-                    low - MARGIN_M + spacing_m * (f64::from(n) + 0.5 + dice.between(-SCATTER, SCATTER))
+                    low - MARGIN_M + spacing_m * (f64::from(n) + 0.5 + rng.between(-SCATTER, SCATTER))
                 };
                 let (north, east) = (place(low.x, row), place(low.y, column));
-                let down = ground_down_m - dice.between(0.0, HIGHEST_M);
+                let down = ground_down_m - rng.between(0.0, HIGHEST_M);
                 let id = u8::try_from(markers.len()).ok()?;
                 markers.push((id, nalgebra::Vector3::new(north, east, down)));
             }
@@ -56,19 +56,19 @@ impl MarkerField {
 #[derive(Clone, Debug)]
 pub struct MarkerWatch {
     field: MarkerField,
-    camera: LandmarkCamera,
-    dice: Dice,
+    camera: MarkerCamera,
+    rng: SensorRng,
     steps: usize,
     on_the_way: VecDeque<SeenLandmark>,
 }
 
 impl MarkerWatch {
     /// A camera with a seed of its own stream.
-    pub fn new(field: MarkerField, camera: LandmarkCamera, seed: u64) -> Self {
+    pub fn new(field: MarkerField, camera: MarkerCamera, seed: u64) -> Self {
         Self {
             field,
             camera,
-            dice: Dice::new(seed, Stream::Landmarks),
+            rng: SensorRng::new(seed, Stream::Landmarks),
             steps: 0,
             on_the_way: VecDeque::new(),
         }
@@ -79,7 +79,7 @@ impl MarkerWatch {
         self.steps += 1;
         if self.steps.is_multiple_of(self.camera.every.max(1)) {
             let mut seen = Vec::new();
-            picture(truth, &self.field, &self.camera, &mut self.dice, &mut seen);
+            picture(truth, &self.field, &self.camera, &mut self.rng, &mut seen);
             self.on_the_way.extend(seen);
         }
         let now_s = truth.t_s;
@@ -114,8 +114,8 @@ mod tests {
     fn sightings_come_late_and_all_of_them() {
         let route = Scenario::patrol();
         let field = MarkerField::along(&route, 60.0, 0.15, 8.0, 1).unwrap();
-        let prompt = LandmarkCamera { every: 10, ..LandmarkCamera::downward() };
-        let late = LandmarkCamera { delay_s: 0.05, jitter_s: 0.1, ..prompt };
+        let prompt = MarkerCamera { every: 10, ..MarkerCamera::downward() };
+        let late = MarkerCamera { delay_s: 0.05, jitter_s: 0.1, ..prompt };
         let watch = |camera| {
             let mut watch = MarkerWatch::new(field.clone(), camera, 3);
             let step = |k: i32| route.at(40.0 + 0.01 * f64::from(k));

@@ -1,7 +1,7 @@
 //! Seeded randomness: one stream of numbers a sensor, so that changing one sensor leaves the noise of the others alone.
 
 use nalgebra::Vector3;
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -11,8 +11,7 @@ pub(super) enum Stream {
     Imu = 1,
     Gnss,
     Flow,
-    Features,
-    Barometer,
+    Barometer = 5,
     Magnetometer,
     Range,
     Airspeed,
@@ -24,9 +23,9 @@ pub(super) enum Stream {
 
 /// Random numbers of one sensor.
 #[derive(Clone, Debug)]
-pub(super) struct Dice(ChaCha8Rng);
+pub(super) struct SensorRng(ChaCha8Rng);
 
-impl Dice {
+impl SensorRng {
     /// The sensor's own stream of the seed.
     pub(super) fn new(seed: u64, stream: Stream) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -36,9 +35,9 @@ impl Dice {
 
     /// The stream of one of many runs with the seed.
     pub(super) fn of_run(seed: u64, stream: Stream, number: u32) -> Self {
-        let mut dice = Self::new(seed, stream);
-        dice.0.set_stream(stream as u64 | u64::from(number) << 32);
-        dice
+        let mut rng = Self::new(seed, stream);
+        rng.0.set_stream(stream as u64 | u64::from(number) << 32);
+        rng
     }
 
     /// A standard normal number.
@@ -105,11 +104,11 @@ mod tests {
     #[test]
     fn gauss_markov_keeps_its_level_and_forgets_at_its_rate() {
         let gm = GaussMarkov { sigma: 2.0, correlation: 5.0 };
-        let mut dice = Dice::new(3, Stream::Flow);
-        let mut x = gm.sigma * dice.normal();
+        let mut rng = SensorRng::new(3, Stream::Flow);
+        let mut x = gm.sigma * rng.normal();
         let values: Vec<f64> = (0..200_000)
             .map(|_| {
-                x = gm.next(x, 0.5, dice.normal());
+                x = gm.next(x, 0.5, rng.normal());
                 x
             })
             .collect();
@@ -123,7 +122,7 @@ mod tests {
 
     #[test]
     fn streams_of_one_seed_differ_and_repeat() {
-        let draw = |stream| Dice::new(9, stream).normals();
+        let draw = |stream| SensorRng::new(9, stream).normals();
         assert_eq!(draw(Stream::Imu), draw(Stream::Imu));
         assert_ne!(draw(Stream::Imu), draw(Stream::Gnss));
     }

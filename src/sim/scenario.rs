@@ -4,11 +4,12 @@
 //! barometer measures the distance along NED's z, gravity never turns. Over the 16 km of `straight` the Earth would fall away by
 //! 20 m, which neither the simulator nor a navigator in one local frame knows.
 
-use super::hops::Hops;
-use super::sensors::Environment;
+use super::figures::Sinusoids;
 use super::trajectory::{Trajectory, Truth};
+use super::waypoints::Waypoints;
 use super::wing::{FULL, Plan, PlannedFlight};
-use crate::geo::Geodetic;
+use super::world::Environment;
+use crate::geo::{Geodetic, NOMINAL_GRAVITY_MPS2};
 use crate::sample::{Airframe, VehicleStatus};
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -43,20 +44,22 @@ pub struct Scenario {
     pub outage_s: Option<(f64, f64)>,
     /// The air's motion, m/s in NED.
     pub wind_ned: Vector3<f64>,
-    motion: Motion,
+    pub(super) motion: Motion,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-enum Motion {
+pub(super) enum Motion {
     Wing(PlannedFlight),
-    Rotor(Hops),
+    Figure(Sinusoids),
+    Rotor(Waypoints),
 }
 
 impl Trajectory for Scenario {
     fn at(&self, t_s: f64) -> Truth {
         match &self.motion {
             Motion::Wing(w) => w.at(t_s),
-            Motion::Rotor(h) => h.at(t_s),
+            Motion::Figure(f) => f.at(t_s),
+            Motion::Rotor(r) => r.at(t_s),
         }
     }
 }
@@ -131,7 +134,7 @@ impl Scenario {
     /// Its rotors' drag is 0.3 of the velocity a second. GNSS goes for two minutes in the middle.
     pub fn square() -> Self {
         let (side, up) = (60.0, -30.0);
-        let mut hops = Hops::new(Vector3::zeros(), 0.0)
+        let mut route = Waypoints::new(Vector3::zeros(), 0.0)
             .with_drag(0.3)
             .wait(20.0)
             .to(Vector3::new(0.0, 0.0, up), 12.0)
@@ -141,17 +144,17 @@ impl Scenario {
             let (north, east) = corners[k % 4];
             // Every other corner is 5 m higher.
             let climb = if k % 2 == 0 { -5.0 } else { 0.0 };
-            hops = hops
+            route = route
                 .to(Vector3::new(north * side, east * side, up + climb), 15.0)
                 .wait(3.0)
                 .face((k + 1) as f64 * FRAC_PI_2, 4.0)
                 .wait(3.0);
         }
-        let hops = hops.to(Vector3::zeros(), 20.0).wait(10.0);
-        let duration_s = hops.end_s();
+        let route = route.to(Vector3::zeros(), 20.0).wait(10.0);
+        let duration_s = route.end_s();
         Self {
             name: "square",
-            motion: Motion::Rotor(hops),
+            motion: Motion::Rotor(route),
             ..Self::at_the_origin(0.15, duration_s, Some((150.0, 270.0)))
         }
     }
@@ -159,27 +162,27 @@ impl Scenario {
     /// A quadrotor that goes round a square of 40 m at 20 m over the ground, for an hour and two minutes. GNSS goes after the two minutes.
     pub fn patrol() -> Self {
         let (side, up) = (40.0, -20.0);
-        let mut hops = Hops::new(Vector3::zeros(), 0.0)
+        let mut route = Waypoints::new(Vector3::zeros(), 0.0)
             .with_drag(0.3)
             .wait(15.0)
             .to(Vector3::new(0.0, 0.0, up), 10.0)
             .wait(3.0);
         let corners = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
         let mut k = 0;
-        while k % 4 != 0 || hops.end_s() < PATROL_GNSS_S + PATROL_OUTAGE_S {
+        while k % 4 != 0 || route.end_s() < PATROL_GNSS_S + PATROL_OUTAGE_S {
             let (north, east) = corners[k % 4];
-            hops = hops
+            route = route
                 .to(Vector3::new(north * side, east * side, up), 11.0)
                 .wait(2.0)
                 .face((k + 1) as f64 * FRAC_PI_2, 4.0)
                 .wait(1.0);
             k += 1;
         }
-        let hops = hops.to(Vector3::zeros(), 15.0).wait(10.0);
-        let duration_s = hops.end_s();
+        let route = route.to(Vector3::zeros(), 15.0).wait(10.0);
+        let duration_s = route.end_s();
         Self {
             name: "patrol",
-            motion: Motion::Rotor(hops),
+            motion: Motion::Rotor(route),
             ..Self::at_the_origin(0.15, duration_s, Some((PATROL_GNSS_S, PATROL_GNSS_S + PATROL_OUTAGE_S)))
         }
     }
@@ -205,7 +208,7 @@ impl Scenario {
 
     /// Whether a fixed wing flies it, or a multirotor.
     pub fn is_fixed_wing(&self) -> bool {
-        matches!(self.motion, Motion::Wing(_))
+        !matches!(self.motion, Motion::Rotor(_))
     }
 
     /// What the autopilot would say of the vehicle: it arms two seconds before it moves, and disarms when it stands on the ground again.
@@ -248,7 +251,7 @@ impl Scenario {
     }
 
     /// Everything but the name and the motion. The place is on the Norwegian coast: the field dips by 75°.
-    fn at_the_origin(ground_down_m: f64, duration_s: f64, outage_s: Option<(f64, f64)>) -> Self {
+    pub(super) fn at_the_origin(ground_down_m: f64, duration_s: f64, outage_s: Option<(f64, f64)>) -> Self {
         let origin = Geodetic::from_degrees(63.4, 10.4, 100.0);
         let fallback = Environment { ground_down_m, ..Environment::trondheim() };
         Self {
@@ -258,14 +261,14 @@ impl Scenario {
             duration_s,
             outage_s,
             wind_ned: Vector3::zeros(),
-            motion: Motion::Rotor(Hops::new(Vector3::zeros(), 0.0)),
+            motion: Motion::Rotor(Waypoints::new(Vector3::zeros(), 0.0)),
         }
     }
 }
 
 /// Rate of a coordinated level turn, rad/s.
 fn turn_rate(bank_deg: f64, speed_mps: f64) -> f64 {
-    9.81 * bank_deg.to_radians().tan() / speed_mps
+    NOMINAL_GRAVITY_MPS2 * bank_deg.to_radians().tan() / speed_mps
 }
 
 #[cfg(test)]
@@ -285,7 +288,8 @@ mod tests {
             assert_derivatives(s.name, &s, (1..n).map(|k| 0.61 * f64::from(k) + 0.0031));
             let joins = match &s.motion {
                 Motion::Wing(w) => w.joins(),
-                Motion::Rotor(h) => h.joins(),
+                Motion::Figure(_) => Vec::new(),
+                Motion::Rotor(r) => r.joins(),
             };
             assert!(joins.len() > 8);
             assert_continuous(s.name, &s, joins);

@@ -4,7 +4,9 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::trajectory::{Path, Trajectory, Truth, thrusting};
+use super::figures::Sinusoids;
+use super::profile::Wave;
+use super::trajectory::{Trajectory, Truth, thrusting};
 
 /// The wandering; see the module.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,17 +47,14 @@ impl Wander {
 
 impl Trajectory for Wander {
     fn at(&self, t_s: f64) -> Truth {
-        let zero = Vector3::zeros();
-        let mut path = Path { p: self.centre_ned, v: zero, a: zero, j: zero };
-        for i in 0..3 {
-            let w = TAU / self.period_s[i];
-            // Axes out of step with each other.
-            let (s, c) = (w * t_s + TAU * (self.phase * (1.0 + i as f64) + 0.3 * i as f64)).sin_cos();
-            path.p[i] += self.amplitude_m[i] * s;
-            path.v[i] = self.amplitude_m[i] * w * c;
-            path.a[i] = -self.amplitude_m[i] * w * w * s;
-            path.j[i] = -self.amplitude_m[i] * w * w * w * c;
-        }
+        // Axes out of step with each other.
+        let wave = |i: usize| Wave {
+            amplitude: self.amplitude_m[i],
+            period_s: self.period_s[i],
+            phase_rad: TAU * (self.phase * (1.0 + i as f64) + 0.3 * i as f64),
+        };
+        let waves = [wave(0), wave(1), wave(2)];
+        let path = Sinusoids { centre_ned: self.centre_ned, drift_ned: Vector3::zeros(), waves }.path(t_s);
         let w = TAU / self.heading_period_s;
         let (s, c) = (w * t_s + TAU * self.phase).sin_cos();
         let [mean, swing] = self.heading_rad;

@@ -155,8 +155,7 @@ impl PlannedFlight {
 
     /// North and east way between two times in one panel: five-point Gauss-Legendre.
     fn way(&self, from_s: f64, to_s: f64) -> Vector2<f64> {
-        super::sensors::mean(from_s, to_s, Vector2::zeros(), |t| self.horizontal_velocity(t))
-            * (to_s - from_s)
+        super::world::mean(from_s, to_s, Vector2::zeros(), |t| self.horizontal_velocity(t)) * (to_s - from_s)
     }
 
     fn course(&self, t_s: f64, lively: &Jet) -> Jet {

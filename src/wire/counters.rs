@@ -1,66 +1,56 @@
 //! What happened to the bytes that came in: every frame is either used, of no interest, or rejected for a counted cause.
 
 use serde::Serialize;
+use strum::{IntoStaticStr, VariantArray};
 
 /// Why bytes or a frame were not used.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
+#[derive(
+    Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, IntoStaticStr, VariantArray,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
     /// Bytes that belong to no frame.
+    #[strum(serialize = "garbage bytes")]
     Garbage,
     /// The checksum does not fit: a damaged frame.
+    #[strum(serialize = "bad checksum")]
     BadChecksum,
     /// The message id is not in the dialect.
+    #[strum(serialize = "unknown id")]
     UnknownId,
     /// An enumerated field has a value that the dialect does not know.
+    #[strum(serialize = "unknown enum value")]
     UnknownEnum,
     /// The payload is longer than the message's definition allows, or cannot be read.
+    #[strum(serialize = "bad payload")]
     BadPayload,
     /// Another vehicle, a ground station or a component that is not the autopilot's.
+    #[strum(serialize = "wrong system")]
     WrongSystem,
     /// A field that must be finite is not.
+    #[strum(serialize = "not finite")]
     NotFinite,
     /// A field has an impossible value (a pressure of zero, a position beyond the globe).
+    #[strum(serialize = "absurd value")]
     Absurd,
     /// The sample is older than one already used and too old to be put in order.
+    #[strum(serialize = "out of order")]
     OutOfOrder,
     /// The sample is much older than the newest of its clock.
+    #[strum(serialize = "stale")]
     Stale,
     /// The message tells of a frame of reference that is not what it is taken for.
+    #[strum(serialize = "unusable frame of reference")]
     ForeignFrame,
 }
 
 impl Cause {
     /// Every cause, in the order they are shown.
-    pub const ALL: [Cause; 11] = [
-        Cause::Garbage,
-        Cause::BadChecksum,
-        Cause::UnknownId,
-        Cause::UnknownEnum,
-        Cause::BadPayload,
-        Cause::WrongSystem,
-        Cause::NotFinite,
-        Cause::Absurd,
-        Cause::OutOfOrder,
-        Cause::Stale,
-        Cause::ForeignFrame,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// A short name for tables.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Cause::Garbage => "garbage bytes",
-            Cause::BadChecksum => "bad checksum",
-            Cause::UnknownId => "unknown id",
-            Cause::UnknownEnum => "unknown enum value",
-            Cause::BadPayload => "bad payload",
-            Cause::WrongSystem => "wrong system",
-            Cause::NotFinite => "not finite",
-            Cause::Absurd => "absurd value",
-            Cause::OutOfOrder => "out of order",
-            Cause::Stale => "stale",
-            Cause::ForeignFrame => "unusable frame of reference",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 }
 
@@ -90,7 +80,7 @@ impl Counters {
 
     /// The causes that were counted at least once.
     pub fn seen(&self) -> impl Iterator<Item = (Cause, u64)> + '_ {
-        Cause::ALL.into_iter().map(|c| (c, self.of(c))).filter(|&(_, n)| n > 0)
+        Cause::ALL.iter().copied().map(|c| (c, self.of(c))).filter(|&(_, n)| n > 0)
     }
 
     /// Adds all of `other`'s counts.

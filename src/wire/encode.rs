@@ -8,8 +8,9 @@ use mavlink::dialects::ardupilotmega::{
     MavEstimatorType, MavFrame, MavMessage, ODOMETRY_DATA, VISION_POSITION_ESTIMATE_DATA,
     VISION_SPEED_ESTIMATE_DATA,
 };
-use nalgebra::{Matrix3, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3};
 
+use crate::geo::{BodyToNed, Euler};
 use crate::outbound::message::{Odometry, OutboundMessage, PoseFrame, VisionPosition};
 use crate::time::AutopilotTime;
 
@@ -24,14 +25,14 @@ pub fn encode(message: &OutboundMessage, clock: &AutopilotClock) -> Option<MavMe
     match message {
         OutboundMessage::Odometry(o) => odometry(o, clock),
         OutboundMessage::VisionPosition(v) => vision_position(v, clock),
-        OutboundMessage::VisionSpeed { time, velocity_ned, covariance, reset_counter } => {
-            let [x, y, z] = triple(velocity_ned)?;
+        OutboundMessage::VisionSpeed { time, velocity, covariance, reset_counter } => {
+            let [x, y, z] = triple(&velocity.raw())?;
             Some(MavMessage::VISION_SPEED_ESTIMATE(VISION_SPEED_ESTIMATE_DATA {
                 usec: boot_usec(*time, clock)?,
                 x,
                 y,
                 z,
-                covariance: row_major(covariance)?,
+                covariance: row_major(&covariance.raw())?,
                 reset_counter: *reset_counter,
             }))
         }
@@ -39,9 +40,9 @@ pub fn encode(message: &OutboundMessage, clock: &AutopilotClock) -> Option<MavMe
 }
 
 fn odometry(o: &Odometry, clock: &AutopilotClock) -> Option<MavMessage> {
-    let [x, y, z] = triple(&o.position)?;
-    let [vx, vy, vz] = triple(&o.velocity_body)?;
-    let [rollspeed, pitchspeed, yawspeed] = triple(&o.angular_rate_body)?;
+    let [x, y, z] = triple(&o.position.raw())?;
+    let [vx, vy, vz] = triple(&o.velocity.raw())?;
+    let [rollspeed, pitchspeed, yawspeed] = triple(&o.angular_rate.raw())?;
     Some(MavMessage::ODOMETRY(ODOMETRY_DATA {
         time_usec: boot_usec(o.time, clock)?,
         x,
@@ -69,8 +70,9 @@ fn odometry(o: &Odometry, clock: &AutopilotClock) -> Option<MavMessage> {
 }
 
 fn vision_position(v: &VisionPosition, clock: &AutopilotClock) -> Option<MavMessage> {
-    let [x, y, z] = triple(&v.position)?;
-    let [roll, pitch, yaw] = triple(&Vector3::new(v.euler.roll_rad, v.euler.pitch_rad, v.euler.yaw_rad))?;
+    let [x, y, z] = triple(&v.position.raw())?;
+    let euler = Euler::from_rotation(v.attitude.matrix());
+    let [roll, pitch, yaw] = triple(&Vector3::new(euler.roll_rad, euler.pitch_rad, euler.yaw_rad))?;
     Some(MavMessage::VISION_POSITION_ESTIMATE(VISION_POSITION_ESTIMATE_DATA {
         usec: boot_usec(v.time, clock)?,
         x,
@@ -113,12 +115,13 @@ fn row_major(m: &Matrix3<f64>) -> Option<[f32; 9]> {
 }
 
 /// [w, x, y, z] with a norm of 1 as 32-bit floats.
-fn unit(q: &Vector4<f64>) -> Option<[f32; 4]> {
+fn unit(attitude: &BodyToNed) -> Option<[f32; 4]> {
+    let q = attitude.quaternion();
     let norm = q.norm();
     if !norm.is_finite() || (norm - 1.0).abs() > 0.01 {
         return None;
     }
-    let out = [q.x, q.y, q.z, q.w].map(|c| (c / norm) as f32);
+    let out = [q.w, q.i, q.j, q.k].map(|c| (c / norm) as f32);
     let rounded = out.iter().map(|c| c * c).sum::<f32>().sqrt();
     ((rounded - 1.0).abs() <= NORM_TOLERANCE).then_some(out)
 }
@@ -126,7 +129,7 @@ fn unit(q: &Vector4<f64>) -> Option<[f32; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geo::so3::{self, Euler};
+    use crate::geo::{Body, Ned, so3};
     use crate::wire::frame::{ComponentId, SystemId};
     use crate::wire::session::Address;
     use crate::wire::session::outgoing::FrameWriter;
@@ -140,10 +143,10 @@ mod tests {
         Odometry {
             time: AutopilotTime::from_micros(123_456_789),
             frame,
-            position: Vector3::new(1.5, -2.5, -30.25),
-            attitude: so3::to_quaternion(&so3::exp(&Vector3::new(0.3, -0.2, 2.5))),
-            velocity_body: Vector3::new(4.0, 0.5, -0.25),
-            angular_rate_body: Vector3::new(0.01, 0.02, -0.03),
+            position: Ned::new(Vector3::new(1.5, -2.5, -30.25)),
+            attitude: BodyToNed::from_matrix(&so3::exp(&Vector3::new(0.3, -0.2, 2.5))),
+            velocity: Body::new(Vector3::new(4.0, 0.5, -0.25)),
+            angular_rate: Body::new(Vector3::new(0.01, 0.02, -0.03)),
             pose_covariance,
             velocity_covariance: [0.25; 21],
             reset_counter: 7,
@@ -177,7 +180,8 @@ mod tests {
         assert_eq!((m.x, m.y, m.z), (1.5, -2.5, -30.25));
         assert_eq!((m.vx, m.vy, m.vz), (4.0, 0.5, -0.25));
         assert_eq!((m.rollspeed, m.pitchspeed, m.yawspeed), (0.01, 0.02, -0.03));
-        assert!(m.q.iter().zip(o.attitude.iter()).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6));
+        let q = o.attitude.quaternion();
+        assert!(m.q.iter().zip([q.w, q.i, q.j, q.k]).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6));
         assert_eq!(
             (m.pose_covariance[0], m.pose_covariance[20], m.velocity_covariance[6]),
             (0.5, 20.5, 0.25)
@@ -204,11 +208,11 @@ mod tests {
     #[test]
     fn vision_messages_arrive() {
         let o = sample(PoseFrame::LocalNed);
-        let euler = Euler { roll_rad: 0.1, pitch_rad: -0.2, yaw_rad: 3.0 };
+        let attitude = BodyToNed::from_matrix(&Euler::new(0.1, -0.2, 3.0).to_rotation());
         let position = OutboundMessage::VisionPosition(VisionPosition {
             time: o.time,
             position: o.position,
-            euler,
+            attitude,
             pose_covariance: o.pose_covariance,
             reset_counter: 9,
         });
@@ -218,9 +222,9 @@ mod tests {
             panic!("another message")
         };
         assert_eq!((m.usec, m.x, m.yaw, m.covariance[6], m.reset_counter), (123_456_789, 1.5, 3.0, 6.5, 9));
-        let covariance = Matrix3::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0);
-        let velocity_ned = Vector3::new(1.0, 2.0, -3.0);
-        let speed = OutboundMessage::VisionSpeed { time: o.time, velocity_ned, covariance, reset_counter: 9 };
+        let covariance = Ned::new(Matrix3::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0));
+        let velocity = Ned::new(Vector3::new(1.0, 2.0, -3.0));
+        let speed = OutboundMessage::VisionSpeed { time: o.time, velocity, covariance, reset_counter: 9 };
         let MavMessage::VISION_SPEED_ESTIMATE(m) =
             round_trip(&encode(&speed, &AutopilotClock::new()).unwrap())
         else {
@@ -252,7 +256,7 @@ mod tests {
         #[test]
         fn a_sent_quaternion_is_of_unit_norm(x in -3.0..3.0f64, y in -3.0..3.0f64, z in -3.0..3.0f64) {
             let o = Odometry {
-                attitude: so3::to_quaternion(&so3::exp(&Vector3::new(x, y, z))) * 1.0005,
+                attitude: BodyToNed::from_matrix(&(so3::exp(&Vector3::new(x, y, z)) * 1.0005)),
                 ..sample(PoseFrame::LocalFrd)
             };
             let norm = parsed(o).q.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>().sqrt();
@@ -261,17 +265,25 @@ mod tests {
 
         #[test]
         fn nothing_that_is_not_finite_is_sent(
-            place in 0usize..55,
+            place in 0usize..60,
             bad in prop::sample::select(vec![f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300]),
         ) {
             let mut o = sample(PoseFrame::LocalFrd);
+            let with = |mut v: Vector3<f64>, axis: usize| {
+                v[axis] = bad;
+                v
+            };
             match place {
-                0..3 => o.position[place] = bad,
-                3..6 => o.velocity_body[place - 3] = bad,
-                6..9 => o.angular_rate_body[place - 6] = bad,
-                9..13 => o.attitude[place - 9] = bad,
-                13..34 => o.pose_covariance[place - 13] = bad,
-                _ => o.velocity_covariance[place - 34] = bad,
+                0..3 => o.position = Ned::new(with(o.position.raw(), place)),
+                3..6 => o.velocity = Body::new(with(o.velocity.raw(), place - 3)),
+                6..9 => o.angular_rate = Body::new(with(o.angular_rate.raw(), place - 6)),
+                9..18 => {
+                    let mut matrix = *o.attitude.matrix();
+                    matrix[place - 9] = bad;
+                    o.attitude = BodyToNed::from_matrix(&matrix);
+                }
+                18..39 => o.pose_covariance[place - 18] = bad,
+                _ => o.velocity_covariance[place - 39] = bad,
             }
             prop_assert_eq!(encode(&OutboundMessage::Odometry(o), &AutopilotClock::new()), None);
         }

@@ -6,9 +6,9 @@
 
 use mavlink::dialects::ardupilotmega as apm;
 use mavlink::dialects::ardupilotmega::MavMessage;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use crate::geo::{Euler, Geodetic, so3};
+use crate::geo::{Body, BodyToNed, Euler, Geodetic, Ned, STANDARD_GRAVITY_MPS2};
 use crate::sample::{
     Airframe, FlowRotation, FlowSample, GnssFix, GnssSample, ImuSample, LandmarkSample, MagSample,
     PressureSample, RangeDirection, RangeSample, Sample, Sighting, VehicleStatus,
@@ -28,15 +28,15 @@ pub struct VehicleTruth {
     /// When.
     pub time: AutopilotTime,
     /// Attitude.
-    pub r_body_to_ned: Matrix3<f64>,
-    /// Place; height above mean sea level.
+    pub attitude: BodyToNed,
+    /// Place.
     pub position: Geodetic,
     /// Velocity, m/s.
-    pub velocity_ned: Vector3<f64>,
-    /// Angular rate, body axes, rad/s.
-    pub angular_rate_body: Vector3<f64>,
-    /// Specific force, body axes, m/s².
-    pub specific_force_body: Vector3<f64>,
+    pub velocity: Ned<Vector3<f64>>,
+    /// Angular rate, rad/s.
+    pub angular_rate: Body<Vector3<f64>>,
+    /// Specific force, m/s².
+    pub specific_force: Body<Vector3<f64>>,
 }
 
 /// Appends the messages of samples that arrive together. A magnetometer sample goes into the HIGHRES_IMU before it, if they have one
@@ -133,13 +133,13 @@ pub fn origin(time: AutopilotTime, origin: &Geodetic) -> Option<MavMessage> {
 /// The truth in the message that this autopilot's simulation sends: HIL_STATE_QUATERNION (PX4) or SIM_STATE, which carries no time
 /// and holds for the newest stamp of the stream.
 pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
-    let q = so3::to_quaternion(&t.r_body_to_ned);
-    let [q1, q2, q3, q4] = [float(q.x)?, float(q.y)?, float(q.z)?, float(q.w)?];
+    let q = t.attitude.quaternion();
+    let [q1, q2, q3, q4] = [float(q.w)?, float(q.i)?, float(q.j)?, float(q.k)?];
     let [lat, lon] = degrees_e7(&t.position)?;
-    let [xgyro, ygyro, zgyro] = triple(&t.angular_rate_body)?;
+    let [xgyro, ygyro, zgyro] = triple(&t.angular_rate.raw())?;
     if autopilot == AutopilotKind::Px4 {
-        let [vx, vy, vz] = shorts(&(t.velocity_ned * 100.0))?;
-        let [xacc, yacc, zacc] = shorts(&(t.specific_force_body * (1000.0 / 9.806_65)))?;
+        let [vx, vy, vz] = shorts(&(t.velocity.raw() * 100.0))?;
+        let [xacc, yacc, zacc] = shorts(&(t.specific_force.raw() * (1000.0 / STANDARD_GRAVITY_MPS2)))?;
         return Some(MavMessage::HIL_STATE_QUATERNION(apm::HIL_STATE_QUATERNION_DATA {
             time_usec: boot_usec(t.time)?,
             attitude_quaternion: [q1, q2, q3, q4],
@@ -159,9 +159,9 @@ pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
             zacc,
         }));
     }
-    let euler = Euler::from_rotation(&t.r_body_to_ned);
-    let [vn, ve, vd] = triple(&t.velocity_ned)?;
-    let [xacc, yacc, zacc] = triple(&t.specific_force_body)?;
+    let euler = Euler::from_rotation(t.attitude.matrix());
+    let [vn, ve, vd] = triple(&t.velocity.raw())?;
+    let [xacc, yacc, zacc] = triple(&t.specific_force.raw())?;
     Some(MavMessage::SIM_STATE(apm::SIM_STATE_DATA {
         q1,
         q2,
@@ -190,8 +190,8 @@ pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
 }
 
 fn highres_imu(s: &ImuSample) -> Option<MavMessage> {
-    let [xgyro, ygyro, zgyro] = triple(&s.angular_rate_body)?;
-    let [xacc, yacc, zacc] = triple(&s.specific_force_body)?;
+    let [xgyro, ygyro, zgyro] = triple(&s.angular_rate.raw())?;
+    let [xacc, yacc, zacc] = triple(&s.specific_force.raw())?;
     use apm::HighresImuUpdatedFlags as Flag;
     Some(MavMessage::HIGHRES_IMU(apm::HIGHRES_IMU_DATA {
         time_usec: boot_usec(s.time)?,
@@ -219,7 +219,8 @@ fn highres_imu(s: &ImuSample) -> Option<MavMessage> {
 }
 
 fn add_field(imu: &mut apm::HIGHRES_IMU_DATA, s: &MagSample) {
-    let (Some([x, y, z]), Some(time)) = (triple(&(s.field_body * GAUSS_PER_TESLA)), boot_usec(s.time)) else {
+    let (Some([x, y, z]), Some(time)) = (triple(&(s.field.raw() * GAUSS_PER_TESLA)), boot_usec(s.time))
+    else {
         return;
     };
     if time != imu.time_usec {
@@ -346,7 +347,7 @@ fn vfr_hud(airspeed_mps: f64) -> Option<MavMessage> {
 fn landing_target(s: &LandmarkSample) -> Option<MavMessage> {
     let (angles, distance, position) = match s.sighting {
         Sighting::Bearing { angle_xy, distance_m } => (angle_xy, distance_m.unwrap_or_default(), None),
-        Sighting::Body(p) => ([0.0; 2], p.norm(), Some(p)),
+        Sighting::Body(p) => ([0.0; 2], p.raw().norm(), Some(p.raw())),
     };
     let [x, y, z] = triple(&position.unwrap_or_default())?;
     Some(MavMessage::LANDING_TARGET(apm::LANDING_TARGET_DATA {
@@ -415,8 +416,8 @@ mod tests {
     fn imu(time: AutopilotTime) -> Sample {
         Sample::Imu(ImuSample {
             time,
-            angular_rate_body: Vector3::new(0.1, -0.2, 0.3),
-            specific_force_body: Vector3::new(0.5, 0.0, -9.8),
+            angular_rate: Body::new(Vector3::new(0.1, -0.2, 0.3)),
+            specific_force: Body::new(Vector3::new(0.5, 0.0, -9.8)),
         })
     }
 
@@ -444,7 +445,8 @@ mod tests {
 
     #[test]
     fn a_field_goes_into_the_inertial_message_of_its_time_only() {
-        let mag = Sample::Mag(MagSample { time: TIME, sensor: 0, field_body: Vector3::new(2e-5, 0.0, 4e-5) });
+        let mag =
+            Sample::Mag(MagSample { time: TIME, sensor: 0, field: Body::new(Vector3::new(2e-5, 0.0, 4e-5)) });
         let flags = |all: &[Sample]| {
             messages(all)
                 .iter()

@@ -3,13 +3,13 @@
 use crate::altimeter::oracle::OnBias;
 use crate::altimeter::score::Score;
 use crate::altimeter::{Filter, MonteCarlo};
-use holdover::altimeter::Method;
+use holdover::altimeter::AltimeterMethod;
 use holdover::sim::altimeter::{FaultCase, FaultSize};
 
 /// Runs a case.
 const RUNS: u32 = 60;
-const OKF: Filter = Filter::Published(Method::Okf);
-const RKF: Filter = Filter::Published(Method::Rkf);
+const OKF: Filter = Filter::Published(AltimeterMethod::Okf);
+const RKF: Filter = Filter::Published(AltimeterMethod::Rkf);
 const ORACLE: Filter = Filter::Oracle(OnBias::Estimate);
 
 fn monte_carlo(bias_m: f64, variance_factor: f64) -> MonteCarlo {
@@ -54,14 +54,14 @@ fn in_the_critical_band_the_printed_robust_filter_is_worse_than_the_optimal_one(
     let [okf, rkf] = [OKF, RKF].map(|filter| fused(30.0, 100.0, 3, filter));
     assert!(rkf.rms_m() < 0.15 * okf.rms_m() && rkf.locked_percent() < 5.0);
     // The covariance that belongs to the gain moves the band up, it does not close it.
-    let joseph = fused(25.0, 100.0, 3, Filter::Published(Method::RkfJoseph));
+    let joseph = fused(25.0, 100.0, 3, Filter::Published(AltimeterMethod::RkfJoseph));
     assert!(joseph.locked_percent() > 50.0, "{}", joseph.locked_percent());
 }
 
 /// One healthy channel is what the recommendation goes by; with none left it inherits the robust filter's weakness.
 #[test]
 fn the_selector_finds_noisy_and_large_faults_of_one_channel() {
-    let selector = Filter::Published(Method::Selector);
+    let selector = Filter::Published(AltimeterMethod::Selector);
     let size = monte_carlo(20.0, 100.0);
     let noisy = size.outcome(FaultCase::BaroNoisy, selector);
     assert!(noisy.scores[2].rms_m() < 0.8 * size.fused(FaultCase::BaroNoisy, OKF).rms_m());
@@ -83,13 +83,13 @@ fn the_selector_finds_noisy_and_large_faults_of_one_channel() {
 /// covariance as if it had used all of it: a good share of its runs never comes back.
 #[test]
 fn after_an_outage_only_the_printed_robust_filter_can_be_locked_out() {
-    let locked = |steps: usize, method: Method| {
+    let locked = |steps: usize, method: AltimeterMethod| {
         monte_carlo(20.0, 100.0).fused(FaultCase::Outage(steps), Filter::Published(method)).locked_percent()
     };
     for steps in [200, 800, 3200] {
-        for method in [Method::Okf, Method::RkfJoseph, Method::Selector] {
+        for method in [AltimeterMethod::Okf, AltimeterMethod::RkfJoseph, AltimeterMethod::Selector] {
             assert!(locked(steps, method) < 5.0, "{method:?} {steps}");
         }
     }
-    assert!(locked(3200, Method::Rkf) > 15.0);
+    assert!(locked(3200, AltimeterMethod::Rkf) > 15.0);
 }

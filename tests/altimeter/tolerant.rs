@@ -2,8 +2,8 @@
 
 use crate::altimeter::oracle::OnBias;
 use crate::altimeter::{Filter, MonteCarlo};
-use holdover::altimeter::tolerant::HeightVerdict;
-use holdover::altimeter::{Altimeter, AltimeterSettings, Channel, Fault, Health, Method};
+use holdover::altimeter::HeightVerdict;
+use holdover::altimeter::{Altimeter, AltimeterMethod, AltimeterSettings, Channel, Fault, Health};
 use holdover::config::{Settings, Sources};
 use holdover::sim::altimeter::{FaultCase, FaultSize};
 use proptest::prelude::*;
@@ -14,7 +14,7 @@ use rand_distr::{Distribution, StandardNormal};
 /// Runs a case; their seed is not one that settings were chosen with.
 const RUNS: u32 = 80;
 const SEED: u64 = 7101;
-const OKF: Filter = Filter::Published(Method::Okf);
+const OKF: Filter = Filter::Published(AltimeterMethod::Okf);
 const ORACLE: Filter = Filter::Oracle(OnBias::Estimate);
 
 fn monte_carlo(bias_m: f64, variance_factor: f64) -> MonteCarlo {

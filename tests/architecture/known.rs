@@ -2,30 +2,25 @@
 //! test until the entry says so.
 
 /// Structures of the core with more than 15 fields.
-pub const FIELDS: &[(&str, usize)] =
-    &[("EskfSettings", 16), ("LandmarkSettings", 18), ("NavigatorSettings", 18)];
+pub const FIELDS: &[(&str, usize)] = &[("NavigatorSettings", 18)];
 
 /// Types of the core, by room, whose methods stand in more than 3 files.
 pub const IMPL_FILES: &[(&str, usize)] = &[];
 
 /// Functions of more than 60 lines.
 pub const LINES: &[(&str, usize)] = &[
-    ("Altimeter::measure", 77),
     ("Raw::navigator", 80),
     ("Raw::validate", 62),
-    ("explain", 73),
     ("print_report", 118),
     ("run", 81),
 ];
 
 /// Functions of more than 15 branches.
 pub const BRANCHES: &[(&str, usize)] = &[
-    ("Altimeter::measure", 27),
     ("Decoder::message", 28),
     ("FaultCase::faults", 23),
     ("Summary::fmt", 19),
     ("Walk::value", 21),
-    ("explain", 20),
     ("solve_velocity", 16),
     ("truth", 20),
 ];
@@ -33,30 +28,18 @@ pub const BRANCHES: &[(&str, usize)] = &[
 /// Type names that stand in more than one file.
 pub const NAMES: &[(&str, usize)] = &[
     ("Airspeed", 2),
-    ("CameraMount", 2),
-    ("Dynamics", 2),
-    ("Entry", 2),
-    ("Event", 2),
     ("Feature", 2),
     ("Flow", 2),
     ("Frame", 2),
     ("Gnss", 2),
     ("Imu", 2),
-    ("Innovation", 3),
-    ("LandmarkCamera", 2),
     ("Log", 2),
     ("Magnetometer", 2),
-    ("Method", 2),
     ("Outbound", 2),
-    ("Pending", 2),
     ("Profile", 2),
     ("Range", 2),
-    ("Row", 3),
-    ("Scheme", 2),
-    ("Score", 2),
+    ("Row", 2),
     ("Step", 2),
-    ("StepReport", 2),
-    ("Transition", 2),
     ("Vehicle", 2),
     ("Verdict", 2),
 ];

@@ -1,17 +1,17 @@
 //! The drone's landmark filter over simulated fields of markers: what it reaches, and what bad input does to it.
 
-use crate::marker_flight;
 use crate::marker_flight::{
     Case, Error, STEP_S, Track, converged_at, error, error_of, errors, fly, motion, rms, sighting, stamp,
     track,
 };
 use allocation_counter::measure;
+use holdover::geo::{Body, Camera};
 use holdover::landmark::{
-    BodyMotion, CameraMount, Definiteness, LandmarkFilter, LandmarkMap, LandmarkSettings, LandmarkSighting,
-    MapError, MotionVerdict, Observability, PoseGuess, PoseSource, Seen, SightingVerdict,
+    BodyMotion, Definiteness, LandmarkCamera, LandmarkFilter, LandmarkMap, LandmarkSettings,
+    LandmarkSighting, MapError, MotionVerdict, Observability, PoseGuess, PoseSource, Seen, SightingVerdict,
 };
 use holdover::sim::landmarks::SeenLandmark;
-use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, MotionNoise, Wander};
+use holdover::sim::{LandmarkFlight, MarkerCamera, MarkerField, MotionNoise, Wander};
 use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
@@ -27,7 +27,7 @@ fn usual<'a>(trajectory: &'a Wander, field: &'a MarkerField, seed: u64) -> Case<
     Case {
         trajectory,
         field,
-        camera: LandmarkCamera { delay_s: 0.1, dropout: 0.4, wrong_ids: 0.03, ..LandmarkCamera::downward() },
+        camera: MarkerCamera { delay_s: 0.1, dropout: 0.4, wrong_ids: 0.03, ..MarkerCamera::downward() },
         noise: MotionNoise::mems(),
         settings: LandmarkSettings::default(),
         attitude_rad: None,
@@ -221,13 +221,16 @@ fn what_is_no_sighting_is_told_and_changes_nothing() {
         (s(now, 0, 3, angles(1.2, 0.0)), SightingVerdict::OutOfFieldOfView),
         (s(now, 0, 3, angles(0.0, -1.2)), SightingVerdict::OutOfFieldOfView),
         (s(now, 0, 3, angles(3.0, 0.0)), SightingVerdict::OutOfFieldOfView),
-        (s(now, 0, 3, Seen::InCamera(Vector3::new(0.0, 0.0, -3.0))), SightingVerdict::OutOfFieldOfView),
+        (
+            s(now, 0, 3, Seen::InCamera(Camera::new(Vector3::new(0.0, 0.0, -3.0)))),
+            SightingVerdict::OutOfFieldOfView,
+        ),
         (s(at(40), 0, 3, angles(0.0, 0.0)), SightingVerdict::FromTheFuture(0.04)),
         (s(at(-1200), 0, 3, angles(0.0, 0.0)), SightingVerdict::TooOld(0.2)),
         (s(now, 0, 3, angles(nan, 0.0)), SightingVerdict::NotFinite),
         (s(now, 0, 3, angles(f64::INFINITY, 0.0)), SightingVerdict::NotFinite),
-        (s(now, 0, 3, Seen::InCamera(Vector3::zeros())), SightingVerdict::NotFinite),
-        (s(now, 0, 3, Seen::InBody(Vector3::new(1e300, nan, 0.0))), SightingVerdict::NotFinite),
+        (s(now, 0, 3, Seen::InCamera(Camera::new(Vector3::zeros()))), SightingVerdict::NotFinite),
+        (s(now, 0, 3, Seen::InBody(Body::new(Vector3::new(1e300, nan, 0.0)))), SightingVerdict::NotFinite),
         (
             s(now, 0, 3, Seen::Angles { angle_xy: [0.0; 2], distance_m: Some(-1.0) }),
             SightingVerdict::NotFinite,
@@ -260,15 +263,15 @@ fn positions_do_as_well_as_angles() {
         let (w, f) = (Wander::over_field(0.7), field(6));
         let mut case = usual(&w, &f, 6);
         (case.camera.delay_s, case.duration_s) = (0.0, 20.0);
-        let (flight, mount) = (case.flight(), marker_flight::mount(&case.camera));
+        let (flight, mount) = (case.flight(), case.camera.mount);
         let mut filter = case.filter(&flight);
         let mut next = flight.seen.iter().peekable();
         for step in &flight.steps {
             filter.push(stamp(step.truth.t_s), &motion(step), None);
             while let Some(seen) = next.next_if(|s| s.heard_s <= step.truth.t_s + 1e-9) {
                 let q = f.markers.iter().find(|m| m.0 == seen.id).unwrap().1;
-                let body = step.truth.r_body_to_ned.tr_mul(&(q - step.truth.position_ned));
-                let camera = mount.r_camera_to_body.tr_mul(&(body - mount.lever_body));
+                let body = Body::new(step.truth.r_body_to_ned.tr_mul(&(q - step.truth.position_ned)));
+                let camera = mount.camera_to_body.to_camera(body - mount.lever_arm);
                 let what = if in_body { Seen::InBody(body) } else { Seen::InCamera(camera) };
                 filter.sighting(&LandmarkSighting { seen: what, ..sighting(seen) });
             }
@@ -407,17 +410,14 @@ fn unseen_for_an_hour_the_doubt_grows_and_the_pose_comes_back() {
     assert!(!pose.converged && pose.source == PoseSource::Refined);
     assert_eq!(filter.health().definiteness, Definiteness::Definite);
     // The markers are in view again, of a drone that has not moved.
-    let mount = CameraMount {
-        lever_body: LandmarkCamera::downward().lever_body,
-        ..CameraMount::downward([1.1, 1.1])
-    };
+    let mount = MarkerCamera::downward().mount;
     for _ in 0..50 {
         time = time + Span::from_millis(100);
         filter.push(time, &BodyMotion::REST, None);
         for (id, q) in field(2).markers {
-            let body = truth.r_body_to_ned.tr_mul(&(q - truth.position_ned)) - mount.lever_body;
-            let c = mount.r_camera_to_body.tr_mul(&body);
-            let seen = angles(c.x.atan2(c.z), c.y.atan2(c.z));
+            let body = Body::new(truth.r_body_to_ned.tr_mul(&(q - truth.position_ned))) - mount.lever_arm;
+            let [right, down, along] = mount.camera_to_body.to_camera(body).right_down_along();
+            let seen = angles(right.atan2(along), down.atan2(along));
             filter.sighting(&LandmarkSighting { time, camera: 0, id, seen });
         }
     }
@@ -483,7 +483,7 @@ proptest! {
             position_sigma_m: 10.0,
             attitude_sigma_rad: PoseGuess::ANY_ATTITUDE,
         };
-        let cameras = vec![CameraMount::downward([1.0, 1.0])];
+        let cameras = vec![LandmarkCamera::downward([1.0, 1.0])];
         let mut filter = LandmarkFilter::new(LandmarkSettings::default(), map, cameras, stamp(0.0), &guess);
         for (k, (age, id, x, y, any)) in told.into_iter().enumerate() {
             let t = stamp((k + 1) as f64 * STEP_S);

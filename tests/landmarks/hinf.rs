@@ -1,9 +1,9 @@
 //! The general filter for implicit outputs: what it promises on systems small enough to know the answer, and on the paper's example.
 
 use crate::paper_vision::{PaperRun, least_gamma, run};
-use holdover::landmark::riccati::Discount;
+use holdover::landmark::Discount;
 use holdover::landmark::{
-    Definiteness, Dynamics, HinfFilter, HinfSettings, ImplicitOutput, ImplicitSystem, UpdateRefusal,
+    AffineDynamics, Definiteness, HinfFilter, HinfSettings, ImplicitOutput, ImplicitSystem, UpdateRefusal,
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -36,11 +36,11 @@ impl ImplicitSystem for Ball {
         4
     }
 
-    fn dynamics(&self, [ax, ay]: &[f64; 2]) -> Dynamics {
+    fn dynamics(&self, [ax, ay]: &[f64; 2]) -> AffineDynamics {
         let mut matrix = DMatrix::zeros(4, 4);
         (matrix[(0, 2)], matrix[(1, 3)]) = (1.0, 1.0);
         let g = self.disturbance;
-        Dynamics {
+        AffineDynamics {
             matrix,
             constant: v(&[0.0, 0.0, *ax, *ay]),
             disturbance: DMatrix::from_diagonal(&v(&[0.0, 0.0, g, g])),

@@ -4,21 +4,20 @@ use std::sync::{Arc, OnceLock};
 
 use crate::sound;
 use holdover::config::{Settings, Sources};
-use holdover::landmark::{CameraMount, LandmarkSettings};
+use holdover::geo::{Body, CameraMount, CameraToBody};
+use holdover::landmark::{LandmarkCamera, LandmarkSettings};
 use holdover::navigator::Navigator;
 use holdover::navigator::event::{Event, EventKind};
 use holdover::navigator::solution::{Mode, VelocitySource};
-use holdover::navigator::sources::landmarks::{
-    LandmarkCamera as Camera, LandmarkFrame, LandmarkPlace, LandmarkSetup,
-};
+use holdover::navigator::sources::landmarks::{ComponentCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 use holdover::navigator::verdict::Reason;
 use holdover::sample::{LandmarkSample, Sample, SampleKind, Sighting, VehicleStatus};
 use holdover::sim::models::ImuModel;
 use holdover::sim::{
-    LandmarkCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth,
+    MarkerCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth,
 };
 use holdover::time::{AutopilotTime, Span};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 /// GNSS goes, and landmarks have had the time to take the position over, s.
 const LOST_S: f64 = 110.0;
@@ -40,13 +39,13 @@ struct Field {
     steps: Vec<Step>,
 }
 
-fn camera() -> LandmarkCamera {
-    LandmarkCamera {
+fn camera() -> MarkerCamera {
+    MarkerCamera {
         every: 10,
         half_field_of_view_rad: [0.7; 2],
         delay_s: 0.06,
         jitter_s: 0.03,
-        ..LandmarkCamera::downward()
+        ..MarkerCamera::downward()
     }
 }
 
@@ -73,15 +72,15 @@ fn field() -> &'static Field {
 
 fn setup(points: impl IntoIterator<Item = (u8, Vector3<f64>)>) -> LandmarkSetup {
     let camera = camera();
-    let mount = CameraMount {
-        r_camera_to_body: camera.r_camera_to_body,
-        lever_body: camera.lever_body,
-        half_field_of_view_rad: camera.half_field_of_view_rad,
-    };
+    let MarkerCamera { mount, half_field_of_view_rad, .. } = camera;
     LandmarkSetup {
         frame: LandmarkFrame::Surveyed,
         points: points.into_iter().map(|(id, p)| (id, LandmarkPlace::Ned(p))).collect(),
-        cameras: vec![Camera { component: 0, mount, delay_s: 0.0 }],
+        cameras: vec![ComponentCamera {
+            component: 0,
+            camera: LandmarkCamera { mount, half_field_of_view_rad },
+            delay_s: 0.0,
+        }],
         filter: LandmarkSettings {
             position_drift: 0.15,
             attitude_drift: 0.02f64.to_radians(),
@@ -186,11 +185,11 @@ fn fly(
         f.events.extend(f.navigator.drain_events().map(seconds));
         let Some(s) = f.navigator.solution().filter(|s| s.mode != Mode::Aligning) else { continue };
         sound::check_form(&s, "with landmarks");
-        if let Some((position, counter)) = last.replace((s.position_ned, s.reset_counter))
+        if let Some((position, counter)) = last.replace((s.position.raw(), s.reset_counter))
             && s.velocity_source == VelocitySource::Landmarks
         {
-            let moved: Vector3<f64> = s.position_ned - position;
-            let beyond = (moved - s.velocity_ned * 0.01).xy().norm();
+            let moved: Vector3<f64> = s.position.raw() - position;
+            let beyond = (moved - s.velocity.raw() * 0.01).xy().norm();
             if counter == s.reset_counter {
                 f.step_m = f.step_m.max(beyond);
             } else {
@@ -198,12 +197,12 @@ fn fly(
             }
         }
         if step.t_s > TAKEN_OVER_S {
-            let error = (s.position_ned - step.truth.position_ned).xy().norm();
+            let error = (s.position.raw() - step.truth.position_ned).xy().norm();
             f.error_m = f.error_m.max(error);
             f.over_sigma = f.over_sigma.max(error / s.horizontal_sigma_m());
             f.sigma_m = s.horizontal_sigma_m();
             f.on_landmarks_s += if s.velocity_source == VelocitySource::Landmarks { 0.01 } else { 0.0 };
-            let turn = s.r_body_to_ned * step.truth.r_body_to_ned.transpose();
+            let turn = s.attitude.matrix() * step.truth.r_body_to_ned.transpose();
             f.yaw_error = turn[(1, 0)].atan2(turn[(0, 0)]).abs();
         }
     }
@@ -300,7 +299,7 @@ fn sightings_that_overtake_the_inertial_stream_wait_for_it() {
     let ahead = |_: f64, s: LandmarkSample, out: &mut Vec<_>| {
         out.push(LandmarkSample { time: s.time + Span::from_millis(130), ..s });
     };
-    let late = Camera { delay_s: 0.13, ..surveyed().cameras[0] };
+    let late = ComponentCamera { delay_s: 0.13, ..surveyed().cameras[0] };
     fly(Some(LandmarkSetup { cameras: vec![late], ..surveyed() }), &[], ahead).assert_carried(0.3);
     // Without that delay they are wrong by as much, wait, and are counted when they are used.
     let f = fly(Some(surveyed()), &[], ahead);
@@ -326,9 +325,9 @@ fn what_cannot_be_is_told_and_does_no_harm() {
             3 => LandmarkSample { sighting: angles(f64::NAN), ..s },
             4 => LandmarkSample { sighting: angles(1.4), ..s },
             5 => s,
-            6 => LandmarkSample { sighting: Sighting::Body(Vector3::repeat(f64::INFINITY)), ..s },
+            6 => LandmarkSample { sighting: Sighting::Body(Body::new(Vector3::repeat(f64::INFINITY))), ..s },
             7 => LandmarkSample { time: AutopilotTime::from_micros(i64::MAX / 2), ..s },
-            _ => LandmarkSample { sighting: Sighting::Body(Vector3::zeros()), ..s },
+            _ => LandmarkSample { sighting: Sighting::Body(Body::new(Vector3::zeros())), ..s },
         });
     });
     f.assert_carried(0.3);
@@ -346,7 +345,7 @@ fn what_cannot_be_is_told_and_does_no_harm() {
 
 #[test]
 fn a_camera_that_is_not_configured_is_not_listened_to() {
-    let only = Camera { component: 101, ..surveyed().cameras[0] };
+    let only = ComponentCamera { component: 101, ..surveyed().cameras[0] };
     let f = fly(Some(LandmarkSetup { cameras: vec![only], ..surveyed() }), &[], unchanged);
     assert!(f.on_landmarks_s == 0.0 && f.rejected(Reason::UnknownCamera) > 1000);
 }
@@ -407,10 +406,12 @@ fn a_field_that_contradicts_gnss_is_told_and_never_used() {
 #[test]
 fn the_camera_may_tell_positions_and_look_anywhere() {
     // A second camera looks forward and down; both tell where landmarks are, in body axes.
-    let r: Matrix3<f64> = holdover::geo::so3::exp(&Vector3::new(0.0, 0.8, 0.0)) * camera().r_camera_to_body;
-    let mount = CameraMount { r_camera_to_body: r, ..surveyed().cameras[0].mount };
-    let second = Camera { component: 101, mount, delay_s: 0.0 };
-    let cameras = vec![surveyed().cameras[0], second];
+    let pitched = CameraToBody::from_matrix(&holdover::geo::so3::exp(&Vector3::new(0.0, 0.8, 0.0)));
+    let first = surveyed().cameras[0];
+    let mount = CameraMount { camera_to_body: pitched, ..first.camera.mount };
+    let second =
+        ComponentCamera { component: 101, camera: LandmarkCamera { mount, ..first.camera }, delay_s: 0.0 };
+    let cameras = vec![first, second];
     let in_body = |truth: &Truth, id: u8| {
         let q = field().markers.iter().find(|m| m.0 == id).unwrap().1;
         truth.r_body_to_ned.tr_mul(&(q - truth.position_ned))
@@ -421,7 +422,7 @@ fn the_camera_may_tell_positions_and_look_anywhere() {
     };
     let f = fly(Some(LandmarkSetup { cameras, ..surveyed() }), &[], |_, s, out| {
         let p = in_body(&at(s.time), s.id);
-        let sighting = Sighting::Body(p * (1.0 + 0.02 * f64::from(s.id % 3) - 0.02));
+        let sighting = Sighting::Body(Body::new(p) * (1.0 + 0.02 * f64::from(s.id % 3) - 0.02));
         out.push(LandmarkSample { sighting, ..s });
         out.push(LandmarkSample { camera: 101, sighting, ..s });
     });

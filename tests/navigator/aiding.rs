@@ -1,10 +1,10 @@
 //! What carries a vehicle that has no flow: airspeed, rotor drag, standing still. Each against the same flight without it.
 
-use holdover::config::{Settings, Sources};
+use crate::flight::{self, masked_from};
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::{Mode, Solution, VelocitySource};
 use holdover::navigator::sources::status::Measured;
-use holdover::sample::{Airframe, Sample, VehicleStatus};
+use holdover::sample::{Airframe, VehicleStatus};
 use holdover::sim::models::AirspeedModel;
 use holdover::sim::{Scenario, SensorSuite, Simulation};
 use nalgebra::Vector3;
@@ -21,33 +21,20 @@ struct Flown {
 
 /// Flies `scenario` with GNSS gone from `from_s` to `to_s`, where it ends.
 fn fly(scenario: Scenario, suite: SensorSuite, seed: u64, (from_s, to_s): (f64, f64), set: &[&str]) -> Flown {
-    let overrides = set.iter().filter(|s| **s != DISARMED).map(|s| (*s).to_owned()).collect();
-    let settings = Settings::load(&Sources { overrides, ..Sources::default() }).unwrap();
-    let mut navigator = Navigator::new(settings.pipeline.navigator);
-    let simulation = Simulation::new(scenario.clone(), suite, seed);
-    let origin = simulation.frame().origin();
+    let settings: Vec<&str> = set.iter().filter(|s| **s != DISARMED).copied().collect();
+    let mut navigator = flight::navigator(&settings);
+    let simulation = Simulation::new(scenario.lasting(to_s), suite, seed);
+    navigator.set_origin(Simulation::ap_time(0.0), simulation.frame().origin());
     let mut truth = None;
-    for (k, reading) in simulation.take_while(|r| r.t_s <= to_s).enumerate() {
-        if k == 0 {
-            navigator.set_origin(reading.time, origin);
-        }
-        let mut status = scenario.status(reading.t_s);
+    let steps = flight::steps(simulation).map(|mut step| {
         if set.contains(&DISARMED) {
-            status.armed = Some(false);
+            step.status.armed = Some(false);
         }
-        navigator.set_status(status);
-        for sample in reading.samples.iter() {
-            match sample {
-                Sample::Gnss(fix) if reading.t_s >= from_s => navigator.mask_gnss(fix.time),
-                other => {
-                    navigator.ingest(other);
-                }
-            }
-        }
-        truth = Some(reading.truth);
-    }
+        step
+    });
+    flight::fly(&mut navigator, steps, masked_from(from_s), |_, step| truth = Some(step.truth));
     let solution = navigator.solution().unwrap();
-    let error_m = (solution.position_ned - truth.unwrap().position_ned).xy().norm();
+    let error_m = (solution.position.raw() - truth.unwrap().position_ned).xy().norm();
     Flown { error_m, solution, navigator }
 }
 
@@ -108,14 +95,14 @@ fn a_disarmed_vehicle_that_stands_does_not_drift() {
         (flown.solution.mode, flown.solution.velocity_source),
         (Mode::Holdover, VelocitySource::Standstill)
     );
-    assert!(flown.solution.velocity_ned.norm() < 0.05, "{}", flown.solution.velocity_ned);
+    let velocity = flown.solution.velocity.raw();
+    assert!(velocity.norm() < 0.05, "{velocity}");
     assert!(flown.navigator.statuses().nis(Measured::Standstill).fused > 50);
 }
 
 #[test]
 fn airspeed_is_not_for_multirotors_and_drag_not_for_wings() {
-    let settings = Settings::load(&Sources::default()).unwrap();
-    let mut navigator = Navigator::new(settings.pipeline.navigator);
+    let mut navigator = flight::navigator(&[]);
     let suite = SensorSuite { airspeed: Some(AirspeedModel::pitot()), ..SensorSuite::mems() };
     for airframe in [Airframe::Multirotor, Airframe::FixedWing] {
         navigator.set_status(VehicleStatus { airframe: Some(airframe), armed: Some(true) });

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::flown::Flown;
+use crate::flight::Flight;
 use allocation_counter::measure;
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::Mode;
@@ -16,11 +16,11 @@ const ENTERED_S: f64 = 5.0;
 const END_S: f64 = 200.0;
 
 /// Samples by kind, and allocations among them, of the steady part of a flight; `outage` loses GNSS.
-fn allocations(flown: &Flown, navigator: &mut Navigator, outage: bool) -> BTreeMap<SampleKind, (u64, u64)> {
+fn allocations(flight: &Flight, navigator: &mut Navigator, outage: bool) -> BTreeMap<SampleKind, (u64, u64)> {
     let mut counts = BTreeMap::new();
     let steady = if outage { LOST_S + ENTERED_S } else { SETTLED_S };
     let lost = if outage { LOST_S } else { f64::INFINITY };
-    for step in &flown.steps {
+    for step in &flight.steps {
         navigator.set_status(step.status);
         for sample in &step.samples {
             if sample.kind() == SampleKind::Gnss && step.t_s > lost {
@@ -43,9 +43,9 @@ fn allocations(flown: &Flown, navigator: &mut Navigator, outage: bool) -> BTreeM
     counts
 }
 
-fn nothing_allocates(flown: &Flown, outage: bool, kinds: &[SampleKind]) {
-    let mut navigator = crate::flown::navigator();
-    let counts = allocations(flown, &mut navigator, outage);
+fn nothing_allocates(flight: &Flight, outage: bool, kinds: &[SampleKind]) {
+    let mut navigator = crate::flight::navigator(&[]);
+    let counts = allocations(flight, &mut navigator, outage);
     assert_eq!(navigator.mode(), if outage { Mode::Holdover } else { Mode::Aided });
     for kind in kinds {
         let (samples, allocations) = counts[kind];
@@ -79,16 +79,16 @@ fn the_counter_counts() {
 
 #[test]
 fn a_fixed_wing_allocates_nothing_with_gnss_and_without() {
-    let flown = crate::flown::wing(0.01, END_S, 3);
-    nothing_allocates(&flown, false, &WING);
+    let flight = Flight::wing(0.01, END_S, 3);
+    nothing_allocates(&flight, false, &WING);
     let without: Vec<_> = WING.into_iter().filter(|k| *k != SampleKind::Gnss).collect();
-    nothing_allocates(&flown, true, &without);
+    nothing_allocates(&flight, true, &without);
 }
 
 #[test]
 fn a_multirotor_allocates_nothing_with_gnss_and_without() {
-    let flown = crate::flown::rotor(0.01, END_S, 3);
-    nothing_allocates(&flown, false, &ROTOR);
+    let flight = Flight::rotor(0.01, END_S, 3);
+    nothing_allocates(&flight, false, &ROTOR);
     let without: Vec<_> = ROTOR.into_iter().filter(|k| *k != SampleKind::Gnss).collect();
-    nothing_allocates(&flown, true, &without);
+    nothing_allocates(&flight, true, &without);
 }

@@ -1,8 +1,9 @@
 //! Sensors that fall silent, stick, saturate, lie or come at the wrong time: the solution stays finite, what it claims stays honest, and
 //! every sample is accounted for with a reason.
 
-use crate::flown::{LOST_S, PERIOD_S, Ready, Step, moved, ready_rotor, ready_wing};
+use crate::flight::{self, LOST_S, PERIOD_S, Ready, Step, moved, ready_rotor, ready_wing};
 use crate::sound::check_form;
+use holdover::geo::Body;
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::Mode;
 use holdover::navigator::verdict::Reason;
@@ -28,7 +29,7 @@ struct Seen {
 
 /// Flies on with GNSS or without; `fault` does with each sample of a step what it will, and tells which true time a solution of a time
 /// belongs to (clocks may step).
-fn fly(
+fn faulty(
     name: &str,
     ready: &Ready,
     gnss: bool,
@@ -44,19 +45,26 @@ fn fly(
         navigator: ready.navigator.clone(),
     };
     let mut taken = ready.taken.clone();
+    let mut navigator = ready.navigator.clone();
     let mut out = Vec::new();
-    for step in &ready.flown.steps[ready.from..] {
-        seen.navigator.set_status(step.status);
-        for sample in step.samples.iter().filter(|s| gnss || s.kind() != SampleKind::Gnss) {
-            if step.t_s < FAULT_S { out.push(*sample) } else { fault(step.t_s, sample, &mut out) }
+    let give = |navigator: &mut Navigator, step: &Step, sample: &Sample| {
+        if !gnss && sample.kind() == SampleKind::Gnss {
+            return;
+        }
+        if step.t_s < FAULT_S {
+            out.push(*sample)
+        } else {
+            fault(step.t_s, sample, &mut out)
         }
         for sample in out.drain(..) {
-            seen.navigator.ingest(&sample);
+            navigator.ingest(&sample);
             *taken.entry(sample.kind()).or_default() += 1;
         }
-        seen.navigator.drain_events().for_each(drop);
-        seen.look(ready, step, &true_time);
-    }
+    };
+    flight::fly(&mut navigator, &ready.flight.steps[ready.from..], give, |n, step| {
+        seen.look(n, ready, step, &true_time);
+    });
+    seen.navigator = navigator;
     for (kind, taken) in taken {
         let tally = seen.navigator.statuses();
         let rejected: u64 = tally.rejected(kind).map(|(_, n)| n).sum();
@@ -66,28 +74,34 @@ fn fly(
 }
 
 impl Seen {
-    fn look(&mut self, ready: &Ready, step: &Step, true_time: &impl Fn(f64, AutopilotTime) -> f64) {
-        let mode = self.navigator.mode();
+    fn look(
+        &mut self,
+        navigator: &Navigator,
+        ready: &Ready,
+        step: &Step,
+        true_time: &impl Fn(f64, AutopilotTime) -> f64,
+    ) {
+        let mode = navigator.mode();
         if self.modes.last().is_none_or(|(_, m)| *m != mode) {
             self.modes.push((step.t_s, mode));
         }
-        let Some(s) = self.navigator.solution() else { return };
+        let Some(s) = navigator.solution() else { return };
         check_form(&s, &self.name);
         if matches!(mode, Mode::Aligning | Mode::Lost) {
             return;
         }
         let t = true_time(step.t_s, s.time);
-        let at = ready.flown.steps.partition_point(|x| x.t_s < t - 1e-6).min(ready.flown.steps.len() - 1);
-        let truth = &ready.flown.steps[at].truth;
-        let shift = ready.flown.frame.to_ned(&self.navigator.frame().unwrap().origin());
-        let p = s.position_ned + shift - truth.position_ned;
+        let at = ready.flight.steps.partition_point(|x| x.t_s < t - 1e-6).min(ready.flight.steps.len() - 1);
+        let truth = &ready.flight.steps[at].truth;
+        let shift = ready.flight.frame.to_ned(&navigator.frame().unwrap().origin());
+        let p = s.position.raw() + shift - truth.position_ned;
         let note = |worst: &mut (f64, f64), ratio: f64| {
             if ratio > worst.0 {
                 *worst = (ratio, step.t_s);
             }
         };
         note(&mut self.horizontal, p.xy().norm() / s.horizontal_sigma_m());
-        note(&mut self.vertical, p.z.abs() / s.position_covariance[(2, 2)].sqrt());
+        note(&mut self.vertical, p.z.abs() / s.position_covariance.raw()[(2, 2)].sqrt());
         self.error_m = self.error_m.max(p.xy().norm());
     }
 
@@ -143,7 +157,7 @@ fn any_sensor_may_fall_silent_for_any_time() {
                             out.push(*s);
                         }
                     };
-                    fly(&name, ready, gnss, silent, same_time).honest();
+                    faulty(&name, ready, gnss, silent, same_time).honest();
                 }
             }
         }
@@ -164,7 +178,7 @@ fn a_stuck_sensor_is_outvoted_or_owned_up_to() {
                     let first = *stuck.get_or_insert(*s);
                     out.push(moved(&first, s.time() - first.time()));
                 };
-                let seen = fly(&name, ready, gnss, hold, same_time);
+                let seen = faulty(&name, ready, gnss, hold, same_time);
                 // Nothing but GNSS knows better than a barometer that the vehicle stays at its height.
                 if kind == SampleKind::Pressure {
                     seen.honest_horizontally()
@@ -188,13 +202,15 @@ fn a_clipped_imu_is_owned_up_to() {
                     if let Sample::Imu(imu) = &mut s
                         && t < FAULT_S + seconds
                     {
-                        let clip = |v: &mut Vector3<f64>, most: f64| v.apply(|c| *c = c.clamp(-most, most));
-                        clip(&mut imu.angular_rate_body, rate);
-                        clip(&mut imu.specific_force_body, force);
+                        let clip = |v: &mut Body<Vector3<f64>>, most: f64| {
+                            *v = Body::new(v.raw().map(|c| c.clamp(-most, most)));
+                        };
+                        clip(&mut imu.angular_rate, rate);
+                        clip(&mut imu.specific_force, force);
                     }
                     out.push(s);
                 };
-                fly(&name, ready, gnss, clipped, same_time).honest();
+                faulty(&name, ready, gnss, clipped, same_time).honest();
             }
         }
     }
@@ -212,12 +228,12 @@ fn an_imu_at_its_limits_is_owned_up_to() {
                         && t < FAULT_S + seconds
                     {
                         // 2000 °/s and 16 g, as sensors have them.
-                        imu.angular_rate_body = Vector3::new(34.9, -34.9, 34.9);
-                        imu.specific_force_body = Vector3::new(157.0, 157.0, -157.0);
+                        imu.angular_rate = Body::new(Vector3::new(34.9, -34.9, 34.9));
+                        imu.specific_force = Body::new(Vector3::new(157.0, 157.0, -157.0));
                     }
                     out.push(s);
                 };
-                fly(&name, ready, gnss, shaken, same_time).honest();
+                faulty(&name, ready, gnss, shaken, same_time).honest();
             }
         }
     }
@@ -240,7 +256,7 @@ fn a_rangefinder_out_of_range_is_rejected_as_such() {
                 }
                 out.push(s);
             };
-            let seen = fly(&name, ready_rotor(), gnss, wrong, same_time);
+            let seen = faulty(&name, ready_rotor(), gnss, wrong, same_time);
             assert!(seen.honest().rejected(SampleKind::Range, reason) > 100);
         }
     }
@@ -257,11 +273,13 @@ fn a_disturbed_magnetometer_does_not_take_the_position_along() {
                     if let Sample::Mag(m) = &mut s
                         && t < FAULT_S + 30.0
                     {
-                        m.field_body[axis] += 20e-6;
+                        let mut disturbance = Vector3::zeros();
+                        disturbance[axis] = 20e-6;
+                        m.field = m.field + Body::new(disturbance);
                     }
                     out.push(s);
                 };
-                let seen = fly(&name, ready, gnss, disturbed, same_time);
+                let seen = faulty(&name, ready, gnss, disturbed, same_time);
                 let mag =
                     seen.honest().navigator.statuses().rejected(SampleKind::Mag).map(|(_, n)| n).sum::<u64>();
                 assert!(mag > 0, "{name}: never rejected");
@@ -273,7 +291,7 @@ fn a_disturbed_magnetometer_does_not_take_the_position_along() {
 #[test]
 fn a_receiver_that_comes_back_far_away_is_not_believed_at_once() {
     for (vehicle, ready) in vehicles() {
-        let frame = &ready.flown.frame;
+        let frame = &ready.flight.frame;
         // Away for less time than it takes to believe that it is the dead reckoning that is wrong.
         let away = |t: f64, s: &Sample, out: &mut Vec<Sample>| {
             let mut s = *s;
@@ -288,7 +306,7 @@ fn a_receiver_that_comes_back_far_away_is_not_believed_at_once() {
             }
             out.push(s);
         };
-        let seen = fly(&format!("{vehicle}: GNSS back 100 m away"), ready, true, away, same_time);
+        let seen = faulty(&format!("{vehicle}: GNSS back 100 m away"), ready, true, away, same_time);
         assert!(seen.honest().error_m < 60.0, "{}: {} m", seen.name, seen.error_m);
         assert_eq!(seen.navigator.mode(), Mode::Aided, "{}: {:?}", seen.name, seen.modes);
     }
@@ -310,7 +328,7 @@ fn late_samples_are_used_or_rejected_for_it() {
                         out.extend(waiting.pop_front().map(|(_, s)| s));
                     }
                 };
-                fly(&name, ready, gnss, late, same_time).honest();
+                faulty(&name, ready, gnss, late, same_time).honest();
             }
         }
     }
@@ -322,7 +340,7 @@ fn clocks_that_stand_or_step_are_owned_up_to() {
         for gnss in [true, false] {
             // The same stamp twice.
             let doubled = |_: f64, s: &Sample, out: &mut Vec<Sample>| out.extend([*s, *s]);
-            let seen = fly(&format!("{vehicle}: every sample twice"), ready, gnss, doubled, same_time);
+            let seen = faulty(&format!("{vehicle}: every sample twice"), ready, gnss, doubled, same_time);
             assert!(seen.honest().rejected(SampleKind::Imu, Reason::OutOfOrder) > 1000);
             // One sample with a stamp that is wrong, every other second.
             for by_s in [-5.0, -0.02, 0.02, 5.0] {
@@ -332,7 +350,7 @@ fn clocks_that_stand_or_step_are_owned_up_to() {
                         s.kind() == SampleKind::Imu && t < FAULT_S + 20.0 && (t + 0.001) % 2.0 < PERIOD_S;
                     out.push(if wrong { moved(s, Span::from_seconds(by_s)) } else { *s });
                 };
-                fly(&name, ready, gnss, now_and_then, |t, _| t).honest();
+                faulty(&name, ready, gnss, now_and_then, |t, _| t).honest();
             }
             // The clock steps, for all.
             for by_s in [-60.0, -5.0, -0.5, 0.15, 2.0, 60.0] {
@@ -344,7 +362,7 @@ fn clocks_that_stand_or_step_are_owned_up_to() {
                     let new = Simulation::seconds(time) - by_s;
                     if (new - t).abs() < 0.5 * PERIOD_S { t } else { Simulation::seconds(time) }
                 };
-                fly(&name, ready, gnss, stepped, true_time).honest();
+                faulty(&name, ready, gnss, stepped, true_time).honest();
             }
         }
     }

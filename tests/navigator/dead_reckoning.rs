@@ -1,10 +1,11 @@
 //! Ten minutes without GNSS in simulation: what the shipped filter promises, and that it is better than coasting and than the observers.
 //! Seeds that `--example paper_dead_reckoning` shows by default; all of them stand in the README.
 
-use holdover::config::{Settings, Sources};
+use crate::data_sheet::data_sheet;
+use crate::flight::{self, Step, masked_from};
 use holdover::metrics::nees::NeesCount;
 use holdover::navigator::Navigator;
-use holdover::sample::Sample;
+use holdover::sample::SampleKind;
 use holdover::sim::{Scenario, SensorSuite, Simulation};
 
 struct Flown {
@@ -13,43 +14,31 @@ struct Flown {
 }
 
 fn fly(scenario: Scenario, mems: bool, seed: u64, set: &[&str]) -> Flown {
-    let mut overrides = crate::data_sheet::data_sheet(mems);
+    let mut overrides = data_sheet(mems);
     overrides.extend(set.iter().map(|s| (*s).to_owned()));
-    let settings = Settings::load(&Sources { overrides, ..Sources::default() }).unwrap();
-    let mut navigator = Navigator::new(settings.pipeline.navigator);
+    let set: Vec<&str> = overrides.iter().map(String::as_str).collect();
+    let mut navigator = flight::navigator(&set);
     let (from_s, _) = scenario.outage_s.unwrap();
     let suite = if mems { SensorSuite::mems() } else { SensorSuite::tactical() };
-    let simulation = Simulation::new(scenario.clone(), suite, seed);
-    let origin = simulation.frame().origin();
+    let simulation = Simulation::new(scenario, suite, seed);
+    navigator.set_origin(Simulation::ap_time(0.0), simulation.frame().origin());
     let mut holdover = NeesCount::default();
     let (mut distance_m, mut last) = (0.0, None::<nalgebra::Vector2<f64>>);
-    for (k, reading) in simulation.enumerate() {
-        if k == 0 {
-            navigator.set_origin(reading.time, origin);
+    let look = |navigator: &mut Navigator, step: &Step| {
+        if step.t_s < from_s {
+            return;
         }
-        navigator.set_status(scenario.status(reading.t_s));
-        let out = reading.t_s >= from_s;
-        for sample in reading.samples.iter() {
-            match sample {
-                Sample::Gnss(fix) if out => navigator.mask_gnss(fix.time),
-                other => {
-                    navigator.ingest(other);
-                }
-            }
+        let at = step.truth.position_ned.xy();
+        distance_m += last.map_or(0.0, |l| (at - l).norm());
+        last = Some(at);
+        if step.samples.iter().any(|s| s.kind() == SampleKind::Gnss) {
+            let s = navigator.solution().unwrap();
+            let p = s.position_covariance.raw().fixed_view::<2, 2>(0, 0).into_owned();
+            holdover.add(&(s.position.raw().xy() - at), &p);
         }
-        navigator.drain_events().for_each(drop);
-        if out {
-            let at = reading.truth.position_ned.xy();
-            distance_m += last.map_or(0.0, |l| (at - l).norm());
-            last = Some(at);
-            if k % 100 == 0 {
-                let s = navigator.solution().unwrap();
-                let p = s.position_covariance.fixed_view::<2, 2>(0, 0).into_owned();
-                holdover.add(&(s.position_ned.xy() - at), &p);
-            }
-        }
-    }
-    let error_m = (navigator.solution().unwrap().position_ned.xy() - last.unwrap()).norm();
+    };
+    flight::fly(&mut navigator, flight::steps(simulation), masked_from(from_s), look);
+    let error_m = (navigator.solution().unwrap().position.raw().xy() - last.unwrap()).norm();
     assert!(distance_m > 14_000.0);
     Flown { drift_percent: 100.0 * error_m / distance_m, holdover }
 }

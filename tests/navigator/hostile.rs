@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use crate::command::{COPTER, Record, records};
 use crate::sound::is_finite;
 use holdover::config::{Settings, Sources};
-use holdover::geo::Geodetic;
+use holdover::geo::{Body, Geodetic};
 use holdover::navigator::Navigator;
 use holdover::navigator::settings::NavigatorSettings;
 use holdover::outbound::message::OutboundMessage;
@@ -64,8 +64,11 @@ fn run(frames: impl Iterator<Item = Vec<u8>>) -> Pipeline {
         }
         for message in out.drain(..) {
             if let OutboundMessage::Odometry(o) = message {
-                assert!(o.position.iter().chain(o.velocity_body.iter()).all(|c| c.is_finite()), "{o:?}");
-                assert!((o.attitude.norm() - 1.0).abs() < 1e-6, "{o:?}");
+                assert!(
+                    o.position.raw().iter().chain(o.velocity.raw().iter()).all(|c| c.is_finite()),
+                    "{o:?}"
+                );
+                assert!((o.attitude.quaternion().norm() - 1.0).abs() < 1e-6, "{o:?}");
             }
         }
     }
@@ -144,7 +147,7 @@ fn an_origin_at_the_other_end_of_the_world_is_refused() {
     origin.seal();
     let attacked = run(log.into_iter().map(|r| r.frame));
     let (attacked, whole) = (attacked.navigator.solution().unwrap(), in_flight().solution().unwrap());
-    assert!((attacked.position_ned - whole.position_ned).norm() < 1e-9, "{}", attacked.position_ned);
+    assert!((attacked.position - whole.position).raw().norm() < 1e-9, "{:?}", attacked.position);
 }
 
 proptest! {
@@ -221,11 +224,11 @@ fn gnss() -> impl Strategy<Value = Sample> {
 fn sample() -> impl Strategy<Value = Sample> {
     let time = AutopilotTime::from_micros(0);
     prop_oneof![
-        10 => (vector(0.5), vector(3.0)).prop_map(move |(angular_rate_body, f)| Sample::Imu(ImuSample {
-            time, angular_rate_body, specific_force_body: f - Vector3::z() * 9.8,
+        10 => (vector(0.5), vector(3.0)).prop_map(move |(rate, f)| Sample::Imu(ImuSample {
+            time, angular_rate: Body::new(rate), specific_force: Body::new(f - Vector3::z() * 9.8),
         })),
         3 => (vector(2e-5), 0u8..2).prop_map(move |(b, sensor)| Sample::Mag(MagSample {
-            time, sensor, field_body: b + Vector3::new(2e-5, 0.0, 4e-5),
+            time, sensor, field: Body::new(b + Vector3::new(2e-5, 0.0, 4e-5)),
         })),
         3 => gnss(),
         2 => (number(5e3), 0u8..3).prop_map(move |(p, sensor)| Sample::Pressure(PressureSample {

@@ -10,8 +10,8 @@
 mod command;
 #[path = "../support/data_sheet.rs"]
 mod data_sheet;
-#[path = "../support/flown.rs"]
-mod flown;
+#[path = "../support/flight.rs"]
+mod flight;
 #[path = "../support/sound.rs"]
 mod sound;
 

@@ -1,23 +1,16 @@
 //! The navigator flown on closed-form truth: alignment, accuracy with GNSS, holdover on flow, coasting to Lost, the way back, and
 //! each way in which GNSS can be lost or lie.
 
-use holdover::config::{Settings, Sources};
-use holdover::geo::so3;
-use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
+use crate::flight::{self, Step};
+use crate::sound::check_form;
+use holdover::geo::{Body, Ned, so3};
 use holdover::navigator::Navigator;
 use holdover::navigator::event::EventKind;
 use holdover::navigator::solution::{Mode, Solution, VelocitySource};
-use holdover::sample::{
-    FlowRotation, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
-    RangeDirection, RangeSample, Sample,
-};
-use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
-use holdover::sim::trajectory::{FixedWing, Multirotor, Trajectory, Truth};
-use holdover::time::{AutopilotTime, Span};
+use holdover::sample::{GnssFix, GnssSample, ImuSample, Sample, VehicleStatus};
+use holdover::sim::models::{FlowModel, GnssModel, ImuModel, MagnetometerModel, RangeModel, RotationContent};
+use holdover::sim::{Scenario, SensorSuite, Simulation, Truth};
 use nalgebra::Vector3;
-
-const IMU_HZ: i64 = 100;
-const GNSS_DELAY: Span = Span::from_millis(200);
 
 /// What GNSS does at a time: the offset that is put on it, or silence.
 enum Gnss {
@@ -28,7 +21,7 @@ enum Gnss {
 }
 
 struct Flight<'a> {
-    trajectory: &'a dyn Trajectory,
+    scenario: &'a Scenario,
     gnss: &'a dyn Fn(f64) -> Gnss,
     flow: bool,
     seed: u64,
@@ -42,130 +35,74 @@ struct Log {
     events: Vec<(f64, EventKind)>,
 }
 
-fn at(t: f64) -> AutopilotTime {
-    AutopilotTime::from_micros((t * 1e6).round() as i64 + 5_000_000)
-}
-
-fn navigator(overrides: &[&str]) -> Navigator {
-    let sources =
-        Sources { overrides: overrides.iter().map(|s| (*s).to_owned()).collect(), ..Sources::default() };
-    Navigator::new(Settings::load(&sources).unwrap().pipeline.navigator)
+/// A receiver whose position is smooth from fix to fix, and a flow sensor that sees 4 % too much or too little beside a range beam.
+fn suite(flow: bool) -> SensorSuite {
+    let white = flight::white(ImuModel::mems());
+    let gnss = GnssModel {
+        latency_s: 0.2,
+        position_m: Vector3::new(0.3, 0.3, 0.6),
+        claims: [1.5, 2.5, 0.2],
+        ..white.gnss.unwrap()
+    };
+    let scaled = FlowModel {
+        period_s: 0.05,
+        interval_s: 0.0,
+        scale: 0.04,
+        rotation: RotationContent::Removed,
+        tells_distance: false,
+        ..FlowModel::ideal()
+    };
+    let beam = RangeModel { period_s: 0.05, limits_m: [0.1, 200.0], noise_m: 0.0, noise_fraction: 0.0 };
+    SensorSuite {
+        gnss: Some(gnss),
+        magnetometer: Some(MagnetometerModel { noise_t: 0.3e-6, ..MagnetometerModel::ideal() }),
+        flow: flow.then_some(scaled),
+        range: flow.then_some(beam),
+        ..white
+    }
 }
 
 fn fly(flight: &Flight<'_>, duration_s: f64, overrides: &[&str]) -> Log {
-    let origin = Geodetic::from_degrees(63.4, 10.4, 100.0);
-    let frame = LocalNed::new(origin);
-    let environment = Environment {
-        gravity_mps2: normal_gravity(origin.latitude_rad, origin.height_m),
-        earth_rate_ned: earth_rate_ned(origin.latitude_rad),
-        magnetic_ned: magnetic_field(&origin, 2026.0).unwrap().field_ned_t,
-        ground_down_m: 0.0,
-    };
-    // A receiver's position wanders slowly; from fix to fix it is smooth.
-    let levels = NoiseLevels { gnss_position_m: Vector3::new(0.3, 0.3, 0.6), ..NoiseLevels::mems() };
-    let mut noisy = Noisy::new(levels, flight.seed);
-    let mut log =
-        Log { navigator: navigator(overrides), states: Vec::new(), modes: Vec::new(), events: Vec::new() };
-    let step = 1.0 / IMU_HZ as f64;
-    for k in 1..=(duration_s * IMU_HZ as f64) as i64 {
-        let t = k as f64 * step;
-        let truth = flight.trajectory.at(t);
-        let imu = noisy.imu(&environment.imu(flight.trajectory, t - step, t), step);
-        let imu = ImuSample {
-            time: at(t),
-            angular_rate_body: imu.angular_rate,
-            specific_force_body: imu.specific_force,
+    let scenario = flight.scenario.clone().lasting(duration_s);
+    let simulation = Simulation::new(scenario, suite(flight.flow), flight.seed);
+    let frame = simulation.frame().clone();
+    // The vehicle says nothing of itself.
+    let steps = flight::steps(simulation).map(|step| Step { status: VehicleStatus::default(), ..step });
+    let give = |navigator: &mut Navigator, step: &Step, sample: &Sample| {
+        let Sample::Gnss(good) = sample else {
+            navigator.ingest(sample);
+            return;
         };
-        log.navigator.ingest(&Sample::Imu(imu));
-        if k % 2 == 0 {
-            let field_body = noisy.magnetometer(&environment, &truth);
-            log.navigator.ingest(&Sample::Mag(MagSample { time: at(t), sensor: 0, field_body }));
-        }
-        if k % 4 == 0 {
-            let height = origin.height_m - noisy.altitude_down(&truth);
-            let pressure_pa = 101_325.0 * (1.0 - height * 0.0065 / 288.15).powf(1.0 / 0.190_263);
-            log.navigator.ingest(&Sample::Pressure(PressureSample { time: at(t), sensor: 0, pressure_pa }));
-        }
-        if k % 5 == 0 && flight.flow {
-            see_ground(&mut log.navigator, &environment, &truth, t);
-        }
-        if k % 20 == 0 && t > GNSS_DELAY.seconds() {
-            let past = flight.trajectory.at(t - GNSS_DELAY.seconds());
-            let (position, velocity) = noisy.gnss(&past);
-            let offset = match (flight.gnss)(t) {
-                Gnss::Silent => None,
-                Gnss::NoFix => {
-                    log.navigator.ingest(&Sample::Gnss(fix(at(t), GnssFix::None, None, velocity)));
-                    None
-                }
-                Gnss::Good => Some(Vector3::zeros()),
-                Gnss::Shifted(by) => Some(by),
-            };
-            if let Some(offset) = offset {
-                let position = frame.to_geodetic(&(position + offset));
-                log.navigator.ingest(&Sample::Gnss(fix(at(t), GnssFix::ThreeD, Some(position), velocity)));
+        let fix = match (flight.gnss)(step.t_s) {
+            Gnss::Silent => return,
+            Gnss::Good => *good,
+            Gnss::NoFix => GnssSample { fix: GnssFix::None, position: None, ..*good },
+            Gnss::Shifted(by) => {
+                let shifted = |p| frame.to_geodetic(&(frame.to_ned(&p) + by));
+                GnssSample { position: good.position.map(shifted), ..*good }
             }
-        }
-        for event in log.navigator.drain_events() {
-            if let EventKind::Mode { to, .. } = event.kind {
-                log.modes.push((t, to));
-            }
-            log.events.push((t, event.kind));
-        }
-        if let Some(solution) = log.navigator.solution() {
-            let all =
-                solution.position_ned.sum() + solution.velocity_ned.sum() + solution.r_body_to_ned.sum();
-            assert!(
-                all.is_finite() && solution.position_covariance.sum().is_finite(),
-                "at {t}: {solution:?}"
-            );
-            if k % 10 == 0 {
-                // The navigator's origin is the first fix it got; truth's is the frame's.
-                let shift = frame.to_ned(&log.navigator.frame().unwrap().origin());
-                let solution = Solution { position_ned: solution.position_ned + shift, ..solution };
-                log.states.push((t, truth, solution));
-            }
-        }
-    }
-    log
-}
-
-fn fix(time: AutopilotTime, fix: GnssFix, position: Option<Geodetic>, velocity: Vector3<f64>) -> GnssSample {
-    GnssSample {
-        time,
-        receiver: 0,
-        fix,
-        position,
-        ground_velocity: Some(GroundVelocity {
-            speed_mps: velocity.xy().norm(),
-            course_rad: velocity.y.atan2(velocity.x),
-        }),
-        horizontal_accuracy_m: Some(1.5),
-        vertical_accuracy_m: Some(2.5),
-        speed_accuracy_mps: Some(0.2),
-        satellites: Some(12),
-    }
-}
-
-/// A flow patch and a range beam along body z.
-fn see_ground(navigator: &mut Navigator, environment: &Environment, truth: &Truth, t: f64) {
-    let distance_m = environment.height(truth) / truth.r_body_to_ned[(2, 2)];
-    let v = truth.velocity_body();
-    let limits_m = Some([0.1, 200.0]);
-    let range = RangeSample { time: at(t), sensor: 0, direction: RangeDirection::Down, distance_m, limits_m };
-    navigator.ingest(&Sample::Range(range));
-    // A sensor that sees 4 % too little.
-    let rate = Vector3::new(-v.y, v.x, 0.0) * (0.96 / distance_m);
-    let flow = FlowSample {
-        time: at(t),
-        sensor: 0,
-        interval: Span::ZERO,
-        rate_xy: [rate.x, rate.y],
-        rotation: FlowRotation::Removed,
-        quality: 1.0,
-        distance_m: None,
+        };
+        navigator.ingest(&Sample::Gnss(fix));
     };
-    navigator.ingest(&Sample::Flow(flow));
+    let (mut states, mut modes, mut events) = (Vec::new(), Vec::new(), Vec::new());
+    let mut navigator = flight::navigator(overrides);
+    flight::fly(&mut navigator, steps, give, |navigator, step| {
+        for event in navigator.drain_events() {
+            if let EventKind::Mode { to, .. } = event.kind {
+                modes.push((step.t_s, to));
+            }
+            events.push((step.t_s, event.kind));
+        }
+        let Some(solution) = navigator.solution() else { return };
+        check_form(&solution, "in flight");
+        if (step.t_s * 100.0).round() % 10.0 == 0.0 {
+            // The navigator's origin is the first fix it got; truth's is the frame's.
+            let shift = frame.to_ned(&navigator.frame().unwrap().origin());
+            let solution = Solution { position: solution.position + Ned::new(shift), ..solution };
+            states.push((step.t_s, step.truth, solution));
+        }
+    });
+    Log { navigator, states, modes, events }
 }
 
 impl Log {
@@ -175,7 +112,7 @@ impl Log {
 
     fn horizontal_error(&self, t: f64) -> f64 {
         let (_, truth, s) = self.between(t - 0.06, t + 0.06).next().unwrap();
-        (s.position_ned - truth.position_ned).xy().norm()
+        (s.position.raw() - truth.position_ned).xy().norm()
     }
 
     fn mode_at(&self, t: f64) -> Mode {
@@ -194,7 +131,7 @@ impl Log {
             .windows(2)
             .map(|w| {
                 let moved = w[1].1.position_ned - w[0].1.position_ned;
-                (w[1].2.position_ned - w[0].2.position_ned - moved).xy().norm()
+                ((w[1].2.position - w[0].2.position).raw() - moved).xy().norm()
             })
             .fold(0.0, f64::max)
     }
@@ -210,20 +147,19 @@ fn outage(from: f64, to: f64, kind: fn() -> Gnss) -> impl Fn(f64) -> Gnss {
 
 #[test]
 fn with_gnss_the_state_is_known() {
-    let square = Multirotor::square();
-    let circle = FixedWing::circle(250.0, 22.0, 120.0, 20.0, 60.0);
-    let flights: [(&dyn Trajectory, f64); 2] = [(&square, 2.0), (&circle, 3.0)];
-    for (trajectory, attitude_deg) in flights {
+    let square = Scenario::corners();
+    let circle = Scenario::circle(250.0, 22.0, 20.0);
+    let flights: [(&Scenario, f64); 2] = [(&square, 2.0), (&circle, 3.0)];
+    for (scenario, attitude_deg) in flights {
         for seed in 1..4 {
-            let log =
-                fly(&Flight { trajectory, gnss: &good, flow: true, seed }, 120.0, &["gnss.delay_ms=200"]);
+            let log = fly(&Flight { scenario, gnss: &good, flow: true, seed }, 120.0, &["gnss.delay_ms=200"]);
             assert_eq!(log.mode_at(60.0), Mode::Aided);
-            let p = log.rms(60.0, 120.0, |t, s| (s.position_ned - t.position_ned).xy().norm());
-            let v = log.rms(60.0, 120.0, |t, s| (s.velocity_ned - t.velocity_ned).norm());
-            let h = log.rms(60.0, 120.0, |t, s| s.position_ned.z - t.position_ned.z);
+            let p = log.rms(60.0, 120.0, |t, s| (s.position.raw() - t.position_ned).xy().norm());
+            let v = log.rms(60.0, 120.0, |t, s| (s.velocity.raw() - t.velocity_ned).norm());
+            let h = log.rms(60.0, 120.0, |t, s| s.position.raw().z - t.position_ned.z);
             let a = log
                 .rms(60.0, 120.0, |t, s| {
-                    holdover::geo::so3::angle_between(&s.r_body_to_ned, &t.r_body_to_ned)
+                    holdover::geo::so3::angle_between(s.attitude.matrix(), &t.r_body_to_ned)
                 })
                 .to_degrees();
             assert!(
@@ -236,10 +172,10 @@ fn with_gnss_the_state_is_known() {
 
 #[test]
 fn flow_carries_the_vehicle_through_an_outage_and_back_without_a_jump() {
-    let trajectory = Multirotor::square();
+    let scenario = Scenario::corners();
     let gnss = outage(100.0, 160.0, || Gnss::Silent);
     for seed in 1..5 {
-        let log = fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed }, 200.0, &[]);
+        let log = fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed }, 200.0, &[]);
         assert_eq!(log.mode_at(102.0), Mode::Holdover);
         assert_eq!(log.between(130.0, 131.0).next().unwrap().2.velocity_source, VelocitySource::Flow);
         let distance: f64 = {
@@ -261,7 +197,7 @@ fn flow_carries_the_vehicle_through_an_outage_and_back_without_a_jump() {
 
 #[test]
 fn every_estimator_holds_over_as_well_as_it_can() {
-    let trajectory = Multirotor::square();
+    let scenario = Scenario::corners();
     let gnss = outage(100.0, 160.0, || Gnss::Silent);
     // Horizontal error after a minute, m: flow carries all but the inertial one.
     for (name, bound) in
@@ -269,8 +205,7 @@ fn every_estimator_holds_over_as_well_as_it_can() {
     {
         let estimator = format!("observer.estimator={name}");
         let overrides = [estimator.as_str(), "holdover.max_coast_s=3600", "holdover.max_sigma_m=100000"];
-        let log =
-            fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 4 }, 160.0, &overrides);
+        let log = fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 4 }, 160.0, &overrides);
         let error = log.horizontal_error(159.9);
         assert!(error < bound, "{name}: {error} m");
         let sigma = log.between(159.8, 160.1).next().unwrap().2.horizontal_sigma_m();
@@ -282,13 +217,13 @@ fn every_estimator_holds_over_as_well_as_it_can() {
 
 #[test]
 fn the_forms_that_the_papers_print_can_be_chosen() {
-    let trajectory = FixedWing::circle(300.0, 25.0, 120.0, 0.0, 60.0);
+    let scenario = Scenario::circle(300.0, 25.0, 0.0);
     let gnss = outage(120.0, 180.0, || Gnss::Silent);
-    let flight = Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 4 };
+    let flight = Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 1 };
     let run = |overrides: &[&str]| {
         let log = fly(&flight, 180.0, overrides);
         let aided =
-            log.between(60.0, 119.0).map(|(_, truth, s)| (s.velocity_ned - truth.velocity_ned).norm());
+            log.between(60.0, 119.0).map(|(_, truth, s)| (s.velocity.raw() - truth.velocity_ned).norm());
         let (sum, n) = aided.fold((0.0, 0.0), |(sum, n), e| (sum + e * e, n + 1.0));
         ((sum / n).sqrt(), log.horizontal_error(179.9))
     };
@@ -306,9 +241,9 @@ fn the_forms_that_the_papers_print_can_be_chosen() {
 
 #[test]
 fn uncertainty_grows_in_holdover_and_never_shrinks_in_straight_flight() {
-    let trajectory = FixedWing::straight(20.0, 100.0, 1.0, 40.0);
+    let scenario = Scenario::northwards(20.0, 1.0);
     let gnss = outage(100.0, 1e9, || Gnss::Silent);
-    let log = fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 3 }, 200.0, &[]);
+    let log = fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 3 }, 200.0, &[]);
     let sigmas: Vec<f64> = log.between(102.0, 200.0).map(|(_, _, s)| s.horizontal_sigma_m()).collect();
     assert!(sigmas.windows(2).all(|w| w[1] >= 0.99 * w[0]));
     assert!(sigmas[sigmas.len() - 1] > 5.0 * sigmas[0]);
@@ -316,9 +251,9 @@ fn uncertainty_grows_in_holdover_and_never_shrinks_in_straight_flight() {
 
 #[test]
 fn without_any_velocity_it_coasts_and_is_lost() {
-    let trajectory = Multirotor::square();
+    let scenario = Scenario::corners();
     let gnss = outage(100.0, 180.0, || Gnss::NoFix);
-    let flight = Flight { trajectory: &trajectory, gnss: &gnss, flow: false, seed: 2 };
+    let flight = Flight { scenario: &scenario, gnss: &gnss, flow: false, seed: 2 };
     let log = fly(&flight, 200.0, &["holdover.max_coast_s=20"]);
     assert_eq!(log.between(105.0, 106.0).next().unwrap().2.velocity_source, VelocitySource::Inertial);
     let lost = log.modes.iter().find(|(_, m)| *m == Mode::Lost).unwrap().0;
@@ -333,9 +268,9 @@ fn without_any_velocity_it_coasts_and_is_lost() {
 
 #[test]
 fn a_jump_of_gnss_is_not_followed() {
-    let trajectory = Multirotor::square();
+    let scenario = Scenario::corners();
     let gnss = outage(100.0, 130.0, || Gnss::Shifted(Vector3::new(40.0, 0.0, 0.0)));
-    let log = fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 5 }, 160.0, &[]);
+    let log = fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 5 }, 160.0, &[]);
     let worst = log.between(100.0, 160.0).map(|(t, ..)| log.horizontal_error(*t)).fold(0.0, f64::max);
     assert!(worst < 5.0, "{worst}: {:?}", log.modes);
     assert_eq!(log.mode_at(110.0), Mode::Holdover);
@@ -344,7 +279,7 @@ fn a_jump_of_gnss_is_not_followed() {
 
 #[test]
 fn a_slow_walk_of_gnss_is_found_out_and_taken_back() {
-    let trajectory = Multirotor::square();
+    let scenario = Scenario::corners();
     let gnss = |t: f64| {
         if (100.0..170.0).contains(&t) {
             Gnss::Shifted(Vector3::new(0.0, 1.0 * (t - 100.0), 0.0))
@@ -352,7 +287,7 @@ fn a_slow_walk_of_gnss_is_found_out_and_taken_back() {
             Gnss::Good
         }
     };
-    let log = fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 6 }, 170.0, &[]);
+    let log = fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 6 }, 170.0, &[]);
     let found = log.modes.iter().find(|(t, m)| *m == Mode::Holdover && *t > 100.0).unwrap().0;
     assert!(found < 116.0, "{found}");
     // 65 m of lie by then; what it had added is taken back.
@@ -361,12 +296,12 @@ fn a_slow_walk_of_gnss_is_found_out_and_taken_back() {
 
 #[test]
 fn a_height_jump_of_gnss_is_not_followed() {
-    let trajectory = Multirotor::square();
+    let scenario = Scenario::corners();
     let gnss = outage(100.0, 120.0, || Gnss::Shifted(Vector3::new(0.0, 0.0, -60.0)));
-    let log = fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 7 }, 130.0, &[]);
+    let log = fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 7 }, 130.0, &[]);
     let worst = log
         .between(100.0, 130.0)
-        .map(|(_, t, s)| (s.position_ned.z - t.position_ned.z).abs())
+        .map(|(_, t, s)| (s.position.raw().z - t.position_ned.z).abs())
         .fold(0.0, f64::max);
     assert!(worst < 3.0, "{worst}");
 }
@@ -374,9 +309,9 @@ fn a_height_jump_of_gnss_is_not_followed() {
 #[test]
 fn any_first_attitude_is_overcome_within_the_first_minute() {
     // In the air, accelerating: TRIAD's first guess is wrong, and the observer has to find the attitude.
-    let trajectory = FixedWing::circle(250.0, 22.0, 120.0, 20.0, 60.0);
+    let scenario = Scenario::circle(250.0, 22.0, 20.0);
     for seed in 1..5 {
-        let log = fly(&Flight { trajectory: &trajectory, gnss: &good, flow: false, seed }, 90.0, &[]);
+        let log = fly(&Flight { scenario: &scenario, gnss: &good, flow: false, seed }, 90.0, &[]);
         let aided = log.modes.iter().find(|(_, m)| *m == Mode::Aided).unwrap().0;
         assert!(aided < 60.0, "{aided}");
     }
@@ -385,18 +320,18 @@ fn any_first_attitude_is_overcome_within_the_first_minute() {
 const NO_DIRECTION: [&str; 2] = ["magnetometer.use=false", "flow.use=false"];
 
 fn heading_error(truth: &Truth, s: &Solution) -> f64 {
-    so3::log(&(s.r_body_to_ned * truth.r_body_to_ned.transpose())).z
+    so3::log(&(s.attitude.matrix() * truth.r_body_to_ned.transpose())).z
 }
 
 #[test]
 fn without_magnetometer_and_flow_motion_shows_the_heading() {
-    let square = Multirotor::square();
-    let eight = FixedWing::figure_eight(800.0, 400.0, 80.0, 150.0, 30.0, 50.0);
-    let flights: [&dyn Trajectory; 2] = [&square, &eight];
+    let square = Scenario::corners();
+    let eight = Scenario::figure_eight();
+    let flights: [&Scenario; 2] = [&square, &eight];
     let gnss = outage(150.0, 160.0, || Gnss::Silent);
-    for trajectory in flights {
+    for scenario in flights {
         for seed in 1..4 {
-            let log = fly(&Flight { trajectory, gnss: &gnss, flow: false, seed }, 240.0, &NO_DIRECTION);
+            let log = fly(&Flight { scenario, gnss: &gnss, flow: false, seed }, 240.0, &NO_DIRECTION);
             let found = |w: &EventKind| matches!(w, EventKind::HeadingFound(sigma) if *sigma < 0.18);
             let (at, _) = log.events.iter().find(|(_, w)| found(w)).unwrap();
             assert!(*at < 40.0 && log.mode_at(at + 1.0) == Mode::Aided, "seed {seed}: {at} s");
@@ -417,7 +352,7 @@ fn without_magnetometer_and_flow_motion_shows_the_heading() {
             }
             let rms = log.rms(80.0, 150.0, heading_error).to_degrees();
             assert!(rms < 2.5, "seed {seed}: {rms} deg");
-            let rms = log.rms(80.0, 150.0, |t, s| (s.velocity_ned - t.velocity_ned).norm());
+            let rms = log.rms(80.0, 150.0, |t, s| (s.velocity.raw() - t.velocity_ned).norm());
             // The fixes are 100 ms later than is thought at first.
             assert!(rms < 0.6, "seed {seed}: {rms} m/s");
         }
@@ -426,11 +361,11 @@ fn without_magnetometer_and_flow_motion_shows_the_heading() {
 
 #[test]
 fn without_motion_there_is_no_heading_and_it_says_so() {
-    let straight = FixedWing::straight(20.0, 100.0, 0.0, 40.0);
-    let hover = Multirotor { hover_s: 1e3, ..Multirotor::square() };
-    let flights: [&dyn Trajectory; 2] = [&straight, &hover];
-    for trajectory in flights {
-        let log = fly(&Flight { trajectory, gnss: &good, flow: false, seed: 8 }, 120.0, &NO_DIRECTION);
+    let straight = Scenario::northwards(20.0, 0.0);
+    let hover = Scenario::hover();
+    let flights: [&Scenario; 2] = [&straight, &hover];
+    for scenario in flights {
+        let log = fly(&Flight { scenario, gnss: &good, flow: false, seed: 8 }, 120.0, &NO_DIRECTION);
         assert!(log.modes.is_empty(), "{:?}", log.modes);
         assert!(log.events.iter().any(|(_, w)| *w == EventKind::HeadingSought));
     }
@@ -438,8 +373,8 @@ fn without_motion_there_is_no_heading_and_it_says_so() {
 
 #[test]
 fn a_magnetometer_is_preferred_to_motion() {
-    let trajectory = Multirotor::square();
-    let log = fly(&Flight { trajectory: &trajectory, gnss: &good, flow: false, seed: 1 }, 60.0, &[]);
+    let scenario = Scenario::corners();
+    let log = fly(&Flight { scenario: &scenario, gnss: &good, flow: false, seed: 1 }, 60.0, &[]);
     assert_eq!(log.mode_at(50.0), Mode::Aided);
     assert!(
         !log.events.iter().any(|(_, w)| matches!(w, EventKind::HeadingSought | EventKind::HeadingFound(_)))
@@ -448,28 +383,28 @@ fn a_magnetometer_is_preferred_to_motion() {
 
 #[test]
 fn a_hole_in_the_imu_ends_the_solution_and_a_reboot_begins_anew() {
-    let trajectory = Multirotor::square();
-    let mut log = fly(&Flight { trajectory: &trajectory, gnss: &good, flow: true, seed: 1 }, 60.0, &[]);
+    let scenario = Scenario::corners();
+    let mut log = fly(&Flight { scenario: &scenario, gnss: &good, flow: true, seed: 1 }, 60.0, &[]);
     assert_eq!(log.navigator.mode(), Mode::Aided);
     let imu = ImuSample {
-        time: at(62.0),
-        angular_rate_body: Vector3::zeros(),
-        specific_force_body: Vector3::new(0.0, 0.0, -9.8),
+        time: Simulation::ap_time(62.0),
+        angular_rate: Body::new(Vector3::zeros()),
+        specific_force: Body::new(Vector3::new(0.0, 0.0, -9.8)),
     };
     log.navigator.ingest(&Sample::Imu(imu));
     assert_eq!(log.navigator.mode(), Mode::Aligning);
-    log.navigator.reboot(at(63.0));
+    log.navigator.reboot(Simulation::ap_time(63.0));
     assert!(log.navigator.solution().is_none());
     assert_eq!(log.navigator.mode(), Mode::Aligning);
-    log.navigator.ingest(&Sample::Imu(ImuSample { time: at(64.0), ..imu }));
+    log.navigator.ingest(&Sample::Imu(ImuSample { time: Simulation::ap_time(64.0), ..imu }));
     assert_eq!(log.navigator.mode(), Mode::Aligning);
 }
 
 #[test]
 fn the_same_samples_give_the_same_bits() {
-    let trajectory = Multirotor::square();
+    let scenario = Scenario::corners();
     let gnss = outage(60.0, 80.0, || Gnss::Silent);
-    let run = || fly(&Flight { trajectory: &trajectory, gnss: &gnss, flow: true, seed: 9 }, 90.0, &[]);
+    let run = || fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 9 }, 90.0, &[]);
     let (a, b) = (run(), run());
     assert_eq!(a.states.len(), b.states.len());
     for (x, y) in a.states.iter().zip(&b.states) {

@@ -1,17 +1,14 @@
 //! Several patches of one image through the navigator: stacked, outvoted when they lie, solved without those that do not come.
 
-use holdover::camera::{CameraMount, View, ground_point, interaction_matrix};
-use holdover::config::{Settings, Sources};
-use holdover::geo::{Geodetic, LocalNed, earth_rate_ned, magnetic_field, normal_gravity};
+use crate::flight::{self, Step};
+use holdover::camera::{View, ground_point, interaction_matrix};
+use holdover::geo::CameraMount;
 use holdover::navigator::Navigator;
 use holdover::navigator::solution::{Mode, VelocitySource};
 use holdover::navigator::verdict::{Reason, Verdict};
-use holdover::sample::{
-    FlowRotation, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, MagSample, PressureSample,
-    Sample, SampleKind,
-};
-use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
-use holdover::sim::trajectory::{Multirotor, Trajectory, Truth};
+use holdover::sample::{FlowRotation, FlowSample, Sample, SampleKind, VehicleStatus};
+use holdover::sim::models::{GnssModel, ImuModel, MagnetometerModel};
+use holdover::sim::{Scenario, SensorSuite, Simulation, Trajectory, Truth};
 use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Vector2, Vector6};
 use proptest::prelude::*;
@@ -19,14 +16,14 @@ use proptest::prelude::*;
 const PATCHES: &str = r#"flow.patches_deg=["11:-18:14", "12:18:14", "13:-18:-14", "14:18:-14"]"#;
 
 fn at(t: f64) -> AutopilotTime {
-    AutopilotTime::from_micros((t * 1e6).round() as i64 + 5_000_000)
+    Simulation::ap_time(t)
 }
 
 /// What a patch really sees: sensor id, centre, truth.
 fn patch(sensor: u8, truth: &Truth, height_m: f64, time: AutopilotTime) -> FlowSample {
     let (right, forward) = [(-18.0, 14.0), (18.0, 14.0), (-18.0, -14.0), (18.0, -14.0)]
         .map(|(r, f): (f64, f64)| (r.to_radians().tan(), f.to_radians().tan()))[usize::from(sensor) - 11];
-    let view = View::mounted(1.0, &CameraMount::down(), &truth.r_body_to_ned, height_m);
+    let view = View::mounted(1.0, &CameraMount::downward(), &truth.r_body_to_ned, height_m);
     let point = ground_point(&view, &Vector2::new(right, -forward)).unwrap();
     let (v, w) = (truth.velocity_body(), truth.body_rate);
     let flow = -(interaction_matrix(1.0, &point) * Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z));
@@ -39,6 +36,13 @@ fn patch(sensor: u8, truth: &Truth, height_m: f64, time: AutopilotTime) -> FlowS
         quality: 1.0,
         distance_m: Some(height_m / truth.r_body_to_ned[(2, 2)]),
     }
+}
+
+/// No flow of its own, and fixes without errors.
+fn suite() -> SensorSuite {
+    let gnss = Some(GnssModel { claims: [1.0, 1.5, 0.1], ..GnssModel::ideal() });
+    let magnetometer = Some(MagnetometerModel { noise_t: 0.3e-6, ..MagnetometerModel::ideal() });
+    SensorSuite { gnss, magnetometer, flow: None, ..flight::white(ImuModel::tactical()) }
 }
 
 struct Flown {
@@ -54,59 +58,26 @@ fn fly(
     overrides: &[&str],
     camera: &dyn Fn(&mut Navigator, &Truth, f64, f64),
 ) -> Flown {
-    let overrides = overrides.iter().map(|s| (*s).to_owned()).collect();
-    let settings = Settings::load(&Sources { overrides, ..Sources::default() }).unwrap();
-    let mut navigator = Navigator::new(settings.pipeline.navigator);
-    let origin = Geodetic::from_degrees(63.4, 10.4, 100.0);
-    let frame = LocalNed::new(origin);
-    let environment = Environment {
-        gravity_mps2: normal_gravity(origin.latitude_rad, origin.height_m),
-        earth_rate_ned: earth_rate_ned(origin.latitude_rad),
-        magnetic_ned: magnetic_field(&origin, 2026.0).unwrap().field_ned_t,
-        ground_down_m: 0.0,
+    let mut navigator = flight::navigator(overrides);
+    let simulation = Simulation::new(Scenario::corners().lasting(duration_s), suite(), 1);
+    let (frame, environment) = (simulation.frame().clone(), simulation.scenario().environment);
+    let mut truth = simulation.truth(0.0);
+    let steps = flight::steps(simulation).map(|step| Step { status: VehicleStatus::default(), ..step });
+    let give = |navigator: &mut Navigator, step: &Step, sample: &Sample| {
+        if step.t_s < lost_s || sample.kind() != SampleKind::Gnss {
+            navigator.ingest(sample);
+        }
     };
-    let mut noisy = Noisy::new(NoiseLevels::tactical(), 1);
-    let trajectory = Multirotor::square();
-    let mut truth = trajectory.at(0.0);
-    for k in 1..=(duration_s * 100.0) as i64 {
-        let t = k as f64 * 0.01;
-        truth = trajectory.at(t);
-        let imu = noisy.imu(&environment.imu(&trajectory, t - 0.01, t), 0.01);
-        navigator.ingest(&Sample::Imu(ImuSample {
-            time: at(t),
-            angular_rate_body: imu.angular_rate,
-            specific_force_body: imu.specific_force,
-        }));
-        if k % 4 == 0 {
-            let field_body = noisy.magnetometer(&environment, &truth);
-            navigator.ingest(&Sample::Mag(MagSample { time: at(t), sensor: 0, field_body }));
-            let height = origin.height_m - truth.position_ned.z;
-            let pressure_pa = 101_325.0 * (1.0 - height * 0.0065 / 288.15).powf(1.0 / 0.190_263);
-            navigator.ingest(&Sample::Pressure(PressureSample { time: at(t), sensor: 0, pressure_pa }));
+    let mut pictures = 0.0;
+    flight::fly(&mut navigator, steps, give, |navigator, step| {
+        truth = step.truth;
+        if step.t_s > 0.1 * (pictures + 1.0) - 1e-6 {
+            pictures += 1.0;
+            camera(navigator, &truth, environment.height(&truth), step.t_s);
         }
-        if k % 10 == 0 {
-            camera(&mut navigator, &truth, environment.height(&truth), t);
-        }
-        if k % 20 == 0 && t < lost_s {
-            let v = truth.velocity_ned;
-            navigator.ingest(&Sample::Gnss(GnssSample {
-                time: at(t),
-                receiver: 0,
-                fix: GnssFix::ThreeD,
-                position: Some(frame.to_geodetic(&truth.position_ned)),
-                ground_velocity: Some(GroundVelocity {
-                    speed_mps: v.xy().norm(),
-                    course_rad: v.y.atan2(v.x),
-                }),
-                horizontal_accuracy_m: Some(1.0),
-                vertical_accuracy_m: Some(1.5),
-                speed_accuracy_mps: Some(0.1),
-                satellites: Some(14),
-            }));
-        }
-    }
+    });
     let shift = frame.to_ned(&navigator.frame().unwrap().origin());
-    let error_m = (navigator.solution().unwrap().position_ned + shift - truth.position_ned).xy().norm();
+    let error_m = (navigator.solution().unwrap().position.raw() + shift - truth.position_ned).xy().norm();
     Flown { navigator, error_m }
 }
 
@@ -191,10 +162,11 @@ fn a_patch_twice_and_a_patch_of_nonsense_are_refused() {
 
 #[test]
 fn a_camera_that_is_late_is_found_to_be() {
+    let square = Scenario::corners();
     let late = |latency_s: f64, overrides: &[&str]| {
         let overrides: Vec<&str> = FIXED.iter().chain(overrides).copied().collect();
         let flown = fly(220.0, 160.0, &overrides, &|navigator, _, _, t| {
-            let past = Multirotor::square().at(t - latency_s);
+            let past = square.at(t - latency_s);
             all(navigator, &past, -past.position_ned.z, t);
         });
         let (_, latency, sigma) = flown.navigator.flow_latencies_s().next().unwrap();
@@ -232,7 +204,7 @@ proptest! {
             }
         });
         let solution = flown.navigator.solution().unwrap();
-        prop_assert!((solution.position_ned.sum() + solution.velocity_ned.sum()).is_finite());
+        prop_assert!((solution.position.raw().sum() + solution.velocity.raw().sum()).is_finite());
         let tally = flown.navigator.statuses();
         let counted = tally.used(SampleKind::Flow) + tally.rejected(SampleKind::Flow).map(|(_, n)| n).sum::<u64>();
         // What came last may still wait.

@@ -1,8 +1,8 @@
 //! Random samples at random times, in random order, between those of a flight: no panic, and what the navigator tells stays a solution.
 
-use crate::flown::{LOST_S, moved, ready_rotor, ready_wing};
+use crate::flight::{LOST_S, moved, ready_rotor, ready_wing};
 use crate::sound::check_form;
-use holdover::geo::Geodetic;
+use holdover::geo::{Body, Geodetic};
 use holdover::sample::{
     AirspeedSample, FlowRotation, FlowSample, GnssFix, GnssSample, GroundVelocity, ImuSample, LandmarkSample,
     MagSample, PressureSample, RangeDirection, RangeSample, Sample, SampleKind, Sighting,
@@ -59,7 +59,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
         prop::option::of(any::<u8>()),
     );
     let gnss = gnss.prop_map(move |((receiver, fix), position, velocity, (h, v, s), satellites)| {
-        let origin = ready_wing().flown.frame.origin();
+        let origin = ready_wing().flight.frame.origin();
         Sample::Gnss(GnssSample {
             time,
             receiver,
@@ -89,12 +89,13 @@ fn any_sample() -> impl Strategy<Value = Sample> {
     let down = prop::sample::select(vec![RangeDirection::Down, RangeDirection::Other(3)]);
     let range = (0u8..3, down, number(), prop::option::of([number(), number()]));
     prop_oneof![
-        4 => (vector(), vector()).prop_map(move |(angular_rate_body, specific_force_body)| {
-            Sample::Imu(ImuSample { time, angular_rate_body, specific_force_body })
+        4 => (vector(), vector()).prop_map(move |(rate, force)| {
+            let (angular_rate, specific_force) = (Body::new(rate), Body::new(force));
+            Sample::Imu(ImuSample { time, angular_rate, specific_force })
         }),
         1 => (0u8..3, vector(), prop::bool::ANY).prop_map(move |(sensor, field, micro)| {
-            let field_body = if micro { field * 1e-6 } else { field };
-            Sample::Mag(MagSample { time, sensor, field_body })
+            let field = Body::new(if micro { field * 1e-6 } else { field });
+            Sample::Mag(MagSample { time, sensor, field })
         }),
         2 => gnss,
         1 => (0u8..3, prop_oneof![number(), 80_000.0..110_000.0])
@@ -144,8 +145,8 @@ proptest! {
         acts in prop::collection::vec(act(), 1..120),
     ) {
         let ready = if start == 1 { ready_wing() } else { ready_rotor() };
-        let mut navigator = if start == 0 { crate::flown::navigator() } else { ready.navigator.clone() };
-        let mut steps = ready.flown.steps[ready.from..].iter();
+        let mut navigator = if start == 0 { crate::flight::navigator(&[]) } else { ready.navigator.clone() };
+        let mut steps = ready.flight.steps[ready.from..].iter();
         let mut now = Simulation::ap_time(LOST_S);
         let mut masked = false;
         for act in &acts {

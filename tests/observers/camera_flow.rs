@@ -8,7 +8,8 @@ mod flow_solve;
 use flow_solve::{SCENE, Scene, Score, score_middle, score_six, score_three};
 use holdover::camera::features::rotational_flow;
 use holdover::camera::*;
-use holdover::geo::so3;
+use holdover::geo::{Body, CameraMount, so3};
+use holdover::landmark::LandmarkCamera;
 use nalgebra::{Vector2, Vector3, Vector6};
 use proptest::prelude::*;
 use rand::SeedableRng;
@@ -199,14 +200,12 @@ fn the_covariance_grows_with_residuals_and_with_every_shared_error() {
 
 #[test]
 fn mounting_and_lever_arm_are_undone() {
-    let mount = CameraMount {
-        r_body_to_camera: so3::exp(&Vector3::new(0.1, -0.15, 0.0)) * so3::exp(&Vector3::new(0.0, 0.0, 1.2)),
-        lever_arm_body: Vector3::new(0.3, -0.2, 0.1),
-    };
+    let mount =
+        CameraMount::turned(so3::Euler::new(0.1, -0.15, 1.2), Body::new(Vector3::new(0.3, -0.2, 0.1)));
     let r = so3::Euler::new(0.1, -0.05, 2.0).to_rotation();
     let (v, w) = (Vector3::new(12.0, -3.0, 0.8), Vector3::new(0.2, -0.3, 0.4));
-    let camera_v = mount.r_body_to_camera * (v + w.cross(&mount.lever_arm_body));
-    let camera_w = mount.r_body_to_camera * w;
+    let to_camera = |body| mount.camera_to_body.to_camera(Body::new(body)).raw();
+    let (camera_v, camera_w) = (to_camera(v + w.cross(&mount.lever_arm.raw())), to_camera(w));
     let view = View::mounted(500.0, &mount, &r, 40.0);
     let features: Vec<Feature> = (0..9)
         .map(|i| {
@@ -331,5 +330,65 @@ fn the_rotation_of_an_image_needs_no_depth() {
         let m = interaction_matrix(700.0, &ground_point(&view, &image).unwrap());
         let motion = Vector6::new(0.0, 0.0, 0.0, w.x, w.y, w.z);
         assert!((rotational_flow(700.0, &image, &w) + m * motion).norm() < 1e-9);
+    }
+}
+
+/// A drone that flies along and turns, and a camera on its nose that looks ahead and down, is turned in its own image and sits off the IMU.
+/// The image of a marker on the ground is that of a pinhole, computed in words of the image: how far right, how far down.
+#[test]
+fn a_camera_configured_once_serves_flow_and_landmarks_alike() {
+    let mount = CameraMount::turned(so3::Euler::new(0.1, 0.5, 0.7), Body::new(Vector3::new(0.3, -0.1, 0.2)));
+    let camera = LandmarkCamera { mount, half_field_of_view_rad: [0.7; 2] };
+    let (v_body, w) = (Vector3::new(9.0, -2.0, 0.5), Vector3::new(0.2, -0.3, 0.4));
+    let (r, height_m) = (so3::Euler::new(0.05, -0.1, 2.0).to_rotation(), 30.0);
+    // In NED about the IMU: the camera, its axes, the ground.
+    let columns = |t: f64| r * so3::exp(&(w * t)) * *mount.camera_to_body.matrix();
+    let eye = |t: f64| r * v_body * t + r * so3::exp(&(w * t)) * mount.lever_arm.raw();
+    let image = |marker: &Vector3<f64>, t: f64| {
+        let (axes, towards) = (columns(t), marker - eye(t));
+        let [top, right, axis] = [0, 1, 2].map(|i| axes.column(i).dot(&towards));
+        Vector2::new(right, -top) / axis
+    };
+    let axis = columns(0.0).column(2).into_owned();
+    let centre = eye(0.0) + axis * ((height_m - eye(0.0).z) / axis.z);
+    let markers: Vec<Vector3<f64>> = (0..9)
+        .map(|i| centre + Vector3::new(f64::from(i % 3 - 1) * 6.0, f64::from(i / 3 - 1) * 6.0, 0.0))
+        .collect();
+
+    // Flow: the images of all of them, a moment before and after.
+    let dt = 1e-4;
+    let features: Vec<Feature> = markers
+        .iter()
+        .map(|m| Feature { image: image(m, 0.0), flow: (image(m, dt) - image(m, -dt)) / (2.0 * dt) })
+        .collect();
+    let view = View::mounted(1.0, &mount, &r, height_m - eye(0.0).z);
+    let rate_camera = mount.camera_to_body.to_camera(Body::new(w)).raw();
+    let noise = SolveNoise { flow: 0.01, height_m: 0.0, rate_radps: 0.0 };
+    let limits = SolveLimits { max_tilt_rad: 1.0, ..SolveLimits::default() };
+    let solved =
+        solve_velocity(&view, &features, &rate_camera, None, Method::HUBER, &noise, &limits).unwrap();
+    let (velocity, _) = solved.at_body_origin(&mount, &w);
+    assert!((velocity - v_body).norm() < 1e-4, "{velocity}");
+
+    // One patch, as a flow sensor in the same place tells it: about the image's axes, right-handed.
+    let patch = FlowPatch {
+        integration_time_s: 0.02,
+        flow_rad: features[4].flow * 0.02,
+        rotation_rad: rate_camera.xy() * 0.02,
+        body_rate: w,
+        distance_m: Some((centre - eye(0.0)).norm()),
+        height_m: None,
+        quality: 1.0,
+    };
+    let limits = PatchLimits { max_tilt_rad: 1.0, ..PatchLimits::default() };
+    let seen = single_patch::solve(&patch, &mount, &r, &limits, &PatchNoise::default()).unwrap();
+    assert!((seen.velocity_camera - seen.body_to_measurement * v_body).norm() < 1e-4);
+
+    // Landmarks: the same images as bearings, in the body.
+    for marker in &markers {
+        let bearing = camera.towards(image(marker, 0.0).map(f64::atan).into()).raw().normalize();
+        let truth = r.tr_mul(&(marker - eye(0.0))).normalize();
+        assert!((bearing - truth).norm() < 1e-12, "{bearing} {truth}");
+        assert!(camera.sees(Body::new(truth)) && !camera.sees(Body::new(-truth)));
     }
 }

@@ -1,33 +1,13 @@
 //! The bank that finds the heading from motion, flown on closed-form truth with sensors that err: every initial heading, several seeds, starts
 //! at rest, in motion and in a steep turn; and flights that do not show the heading.
 
+use crate::flight;
 use holdover::filter::{BankVerdict, HeadingBank, HeadingBankSettings};
 use holdover::geo::so3::{self, Euler};
-use holdover::sim::sensors::{Environment, NoiseLevels, Noisy};
-use holdover::sim::trajectory::{FixedWing, Multirotor, Trajectory, Truth};
-use holdover::time::AutopilotTime;
-use nalgebra::{Matrix3, Vector2, Vector3};
-
-/// The same flight under another north.
-struct Turned<'a> {
-    flight: &'a dyn Trajectory,
-    by: Matrix3<f64>,
-    begins_s: f64,
-}
-
-impl Trajectory for Turned<'_> {
-    fn at(&self, t_s: f64) -> Truth {
-        let t = self.flight.at(t_s + self.begins_s);
-        Truth {
-            t_s,
-            position_ned: self.by * t.position_ned,
-            velocity_ned: self.by * t.velocity_ned,
-            acceleration_ned: self.by * t.acceleration_ned,
-            r_body_to_ned: self.by * t.r_body_to_ned,
-            body_rate: t.body_rate,
-        }
-    }
-}
+use holdover::sim::models::{GnssModel, ImuModel};
+use holdover::sim::{Reading, Scenario, SensorSuite, Simulation, Trajectory};
+use holdover::time::{AutopilotTime, Span};
+use nalgebra::{Vector2, Vector3};
 
 struct Outcome {
     /// When the heading was found, s.
@@ -40,44 +20,40 @@ struct Outcome {
 }
 
 struct Setup<'a> {
-    flight: &'a dyn Trajectory,
+    flight: &'a [Reading],
+    /// How far the flight is turned about the vertical: the same under another north.
     north_deg: f64,
     begins_s: f64,
-    seed: u64,
-    /// What the fixes are late by beyond what the bank is told, s.
-    late_s: f64,
-    duration_s: f64,
+}
+
+/// How late the bank is told that fixes are, s.
+const TOLD_S: f64 = 0.12;
+
+/// A flight with a MEMS IMU and fixes that are later than told.
+fn read(scenario: &Scenario, duration_s: f64, seed: u64, late_s: f64) -> Vec<Reading> {
+    let white = flight::white(ImuModel::mems());
+    let gnss = white.gnss.map(|g| GnssModel { latency_s: TOLD_S + late_s, ..g });
+    let suite = SensorSuite { gnss, magnetometer: None, barometer: None, flow: None, ..white };
+    Simulation::new(scenario.clone().lasting(duration_s), suite, seed).collect()
 }
 
 fn fly(s: &Setup<'_>) -> Outcome {
-    let flight = Turned {
-        flight: s.flight,
-        by: Euler::new(0.0, 0.0, s.north_deg.to_radians()).to_rotation(),
-        begins_s: s.begins_s,
-    };
-    let environment = Environment::trondheim();
-    let mut noisy = Noisy::new(NoiseLevels::mems(), s.seed);
-    let mut bank = HeadingBank::new(HeadingBankSettings::standard(), environment.gravity_mps2);
-    let at = |t: f64| AutopilotTime::from_micros((t * 1e6) as i64);
-    let (dt, told_s) = (0.01, 0.12);
+    let north = Euler::new(0.0, 0.0, s.north_deg.to_radians()).to_rotation();
+    let gravity = Scenario::hover().environment.gravity_mps2;
+    let mut bank = HeadingBank::new(HeadingBankSettings::standard(), gravity);
     let mut out = Outcome { found_s: None, at_found: None, end: (0.0, 0.0, 0.0), least_sigma: 9.0 };
-    for k in 1..=(s.duration_s / dt) as i64 {
-        let t = dt * k as f64;
-        let imu = noisy.imu(&environment.imu(&flight, t - dt, t), dt);
-        bank.imu(at(t), dt, &imu.angular_rate, &imu.specific_force);
-        if k % 20 == 0 && t > 0.5 {
-            let (_, v) = noisy.gnss(&flight.at(t - told_s - s.late_s));
-            bank.velocity(at(t - told_s), &v.xy(), 0.15, 0.06);
-            if let Some(e) = bank.estimate() {
-                let truth = flight.at(t).r_body_to_ned;
-                let error = so3::log(&(e.r_body_to_ned * truth.transpose()));
-                out.end = (e.heading_sigma, error.z, error.xy().norm());
-                out.least_sigma = out.least_sigma.min(e.heading_sigma);
-                if out.found_s.is_none() && bank.found().is_some() {
-                    out.found_s = Some(t);
-                    out.at_found = Some((error.z, e.heading_sigma));
-                }
-            }
+    for r in s.flight.iter().filter(|r| r.t_s > s.begins_s) {
+        bank.imu(r.time, r.dt_s, &r.imu.measured.angular_rate, &r.imu.measured.specific_force);
+        let Some(fix) = r.gnss.filter(|fix| fix.measured_s > s.begins_s) else { continue };
+        let velocity = north * fix.velocity_ned;
+        bank.velocity(r.time - Span::from_seconds(TOLD_S), &velocity.xy(), 0.15, 0.06);
+        let Some(e) = bank.estimate() else { continue };
+        let error = so3::log(&(e.r_body_to_ned * (north * r.truth.r_body_to_ned).transpose()));
+        out.end = (e.heading_sigma, error.z, error.xy().norm());
+        out.least_sigma = out.least_sigma.min(e.heading_sigma);
+        if out.found_s.is_none() && bank.found().is_some() {
+            out.found_s = Some(r.t_s - s.begins_s);
+            out.at_found = Some((error.z, e.heading_sigma));
         }
     }
     out
@@ -85,13 +61,14 @@ fn fly(s: &Setup<'_>) -> Outcome {
 
 /// Flies from every heading and several seeds; returns the latest time at which it was found, the worst error then in degrees, and the mean
 /// squared error over claimed variance.
-fn all_headings(flight: &dyn Trajectory, begins: &[f64], late_s: f64, duration_s: f64) -> (f64, f64, f64) {
+fn all_headings(scenario: &Scenario, begins: &[f64], late_s: f64, duration_s: f64) -> (f64, f64, f64) {
     let (mut latest, mut worst_error, mut sum, mut n) = (0.0f64, 0.0f64, 0.0, 0.0);
-    for &begins_s in begins {
-        for seed in 0..3u64 {
+    for seed in 0..3u64 {
+        for &begins_s in begins {
+            let flight = read(scenario, begins_s + duration_s, seed, late_s);
             for i in 0..12 {
                 let north_deg = 30.0 * f64::from(i) + 7.0 * seed as f64;
-                let o = fly(&Setup { flight, north_deg, begins_s, seed, late_s, duration_s });
+                let o = fly(&Setup { flight: &flight, north_deg, begins_s });
                 let found = o.found_s.unwrap_or_else(|| {
                     panic!(
                         "from {begins_s} s, north {north_deg}, seed {seed}: sigma {}",
@@ -115,7 +92,7 @@ fn all_headings(flight: &dyn Trajectory, begins: &[f64], late_s: f64, duration_s
 #[test]
 fn a_multirotor_that_flies_a_square_is_found_on_its_first_leg() {
     // From rest, in the middle of a leg, and while it slows down.
-    let found = all_headings(&Multirotor::square(), &[0.0, 14.0, 20.0], 0.0, 60.0);
+    let found = all_headings(&Scenario::corners(), &[0.0, 14.0, 20.0], 0.0, 60.0);
     println!("latest {} s, worst {} deg, NEES {}", found.0, found.1, found.2);
     assert!(found.0 < 25.0 && found.1 < 15.0 && found.2 < 1.5, "{found:?}");
 }
@@ -123,7 +100,7 @@ fn a_multirotor_that_flies_a_square_is_found_on_its_first_leg() {
 #[test]
 fn a_wing_in_a_steep_turn_is_found_from_the_first_sample_in_it() {
     for (radius, bank_deg) in [(60.0, 39.0), (28.0, 60.0)] {
-        let circle = FixedWing::circle(radius, 22.0, 120.0, 0.0, 60.0);
+        let circle = Scenario::circle(radius, 22.0, 0.0);
         let bank = Euler::from_rotation(&circle.at(0.0).r_body_to_ned).roll_rad.to_degrees();
         assert!((bank - bank_deg).abs() < 2.0, "{bank}");
         let found = all_headings(&circle, &[0.0], 0.0, 60.0);
@@ -134,7 +111,7 @@ fn a_wing_in_a_steep_turn_is_found_from_the_first_sample_in_it() {
 
 #[test]
 fn a_wing_that_turns_to_both_sides_is_found() {
-    let eight = FixedWing::figure_eight(800.0, 400.0, 80.0, 150.0, 30.0, 50.0);
+    let eight = Scenario::figure_eight();
     let found = all_headings(&eight, &[0.0, 20.0, 33.0], 0.0, 80.0);
     println!("latest {} s, worst {} deg, NEES {}", found.0, found.1, found.2);
     assert!(found.0 < 25.0 && found.1 < 15.0 && found.2 < 1.5, "{found:?}");
@@ -142,10 +119,10 @@ fn a_wing_that_turns_to_both_sides_is_found() {
 
 #[test]
 fn fixes_that_are_later_than_thought_cost_little_and_are_claimed() {
-    let found = all_headings(&Multirotor::square(), &[0.0], 0.06, 60.0);
+    let found = all_headings(&Scenario::corners(), &[0.0], 0.06, 60.0);
     println!("square, 60 ms: {found:?}");
     assert!(found.1 < 15.0 && found.2 < 1.5, "{found:?}");
-    let circle = FixedWing::circle(60.0, 22.0, 120.0, 0.0, 60.0);
+    let circle = Scenario::circle(60.0, 22.0, 0.0);
     let found = all_headings(&circle, &[0.0], 0.06, 60.0);
     println!("circle, 60 ms: {found:?}");
     assert!(found.1 < 15.0 && found.2 < 1.5, "{found:?}");
@@ -153,21 +130,14 @@ fn fixes_that_are_later_than_thought_cost_little_and_are_claimed() {
 
 #[test]
 fn a_flight_without_acceleration_says_that_the_heading_is_unknown() {
-    let straight = FixedWing::straight(22.0, 100.0, 0.0, 40.0);
-    let hover = Multirotor { hover_s: 300.0, ..Multirotor::square() };
+    let straight = Scenario::northwards(22.0, 0.0);
+    let hover = Scenario::hover();
     // In a steady and gentle turn any heading fits with some gyro bias of a degree a second.
-    let gentle = FixedWing::circle(250.0, 22.0, 120.0, 0.0, 60.0);
-    let flights: [&dyn Trajectory; 3] = [&straight, &hover, &gentle];
-    for flight in flights {
+    let gentle = Scenario::circle(250.0, 22.0, 0.0);
+    for scenario in [&straight, &hover, &gentle] {
         for seed in 0..5 {
-            let o = fly(&Setup {
-                flight,
-                north_deg: 60.0 * seed as f64,
-                begins_s: 0.0,
-                seed,
-                late_s: 0.0,
-                duration_s: 120.0,
-            });
+            let flight = read(scenario, 120.0, seed, 0.0);
+            let o = fly(&Setup { flight: &flight, north_deg: 60.0 * seed as f64, begins_s: 0.0 });
             println!("least sigma {}", o.least_sigma.to_degrees());
             assert!(o.found_s.is_none());
             assert!(o.least_sigma > 0.7, "{}", o.least_sigma.to_degrees());

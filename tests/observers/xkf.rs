@@ -1,28 +1,31 @@
 //! The exogenous Kalman filter where its noise is as it was told: errors as large as it says, about a trajectory that is wrong.
 
+use crate::flight;
 use holdover::geo::so3::{self, Euler};
-use holdover::observer::{BiasMode, EulerState, Xkf, XkfInput, XkfSettings};
-use holdover::sim::{Environment, FixedWing, NoiseLevels, Noisy, Trajectory};
+use holdover::observer::{BiasMode, EulerState, SpecificForceForm, Xkf, XkfInput, XkfSettings};
+use holdover::sim::models::{FlowModel, ImuModel};
+use holdover::sim::{Reading, Scenario, SensorSuite, Simulation, Trajectory};
 use nalgebra::{SVector, Vector3};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-const DT: f64 = 0.01;
 /// What Euler's steps and the second order of the linearisation do is not white; more noise stands for it, as in the navigator.
 const NOISE_FACTOR: f64 = 3.0;
 /// Standard deviations of the start: angles, position, velocity, gyro bias, accelerometer bias.
 const START: [f64; 5] = [0.02, 1.0, 0.3, 2e-3, 0.03];
 
-fn settings(levels: &NoiseLevels) -> XkfSettings {
+fn settings() -> XkfSettings {
+    let imu = ImuModel::tactical();
     XkfSettings {
-        gyro_noise: NOISE_FACTOR * levels.gyro_density,
-        accel_noise: NOISE_FACTOR * levels.accel_density,
+        gyro_noise: NOISE_FACTOR * imu.gyro_density,
+        accel_noise: NOISE_FACTOR * imu.accel_density,
         gyro_bias_walk: 0.0,
         accel_bias_walk: 0.0,
         flow_bias_time_constant_s: 30.0,
         gate_sigma: f64::INFINITY,
+        specific_force: SpecificForceForm::WithBias,
     }
 }
 
@@ -36,19 +39,22 @@ struct Flown {
 /// Flies for `seconds`, without GNSS from `outage_s`. The trajectory that is linearised about is off as an observer's is (up to 0.3°,
 /// 0.6° in yaw, 3 m), and has no biases.
 fn fly(seed: u64, seconds: f64, outage_s: f64) -> Flown {
-    let env = Environment::trondheim();
-    let trajectory = FixedWing::figure_eight(800.0, 400.0, 80.0, 150.0, 30.0, 50.0);
-    let levels = NoiseLevels { flow_bias_mps: Vector3::zeros(), ..NoiseLevels::tactical() };
-    let mut noisy = Noisy::new(levels, seed);
+    let white = flight::white(ImuModel::tactical());
+    let flow = white.flow.map(|f| FlowModel { bias_mps: Vector3::zeros(), ..f });
+    let simulation =
+        Simulation::new(Scenario::figure_eight().lasting(seconds), SensorSuite { flow, ..white }, seed);
+    let (scenario, env) = (simulation.scenario().clone(), simulation.scenario().environment);
+    let readings: Vec<Reading> = simulation.collect();
+    let (gyro_bias, accel_bias) = (readings[0].imu.gyro_bias, readings[0].imu.accel_bias);
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xA5A5);
     let truth_at = |t: f64| {
-        let truth = trajectory.at(t);
+        let truth = scenario.at(t);
         EulerState {
             angles: Euler::from_rotation(&truth.r_body_to_ned),
             position_ned: truth.position_ned,
             velocity_ned: truth.velocity_ned,
-            gyro_bias: levels.gyro_bias,
-            accel_bias: levels.accel_bias,
+            gyro_bias,
+            accel_bias,
         }
     };
     let about_at = |t: f64| {
@@ -81,13 +87,11 @@ fn fly(seed: u64, seconds: f64, outage_s: f64) -> Flown {
     start.velocity_ned += off[2];
     start.gyro_bias += off[3];
     start.accel_bias += off[4];
-    let mut filter = Xkf::new(settings(&levels), &start, &START.map(Vector3::repeat), Vector3::zeros());
-    let n = (seconds / DT) as i64;
-    for k in 1..=n {
-        let t = k as f64 * DT;
-        let imu = noisy.imu(&env.imu(&trajectory, t - DT, t), DT);
+    let mut filter = Xkf::new(settings(), &start, &START.map(Vector3::repeat), Vector3::zeros());
+    for r in &readings {
+        let (t, imu) = (r.t_s, r.imu.measured);
         let input = XkfInput {
-            dt_s: DT,
+            dt_s: r.dt_s,
             angular_rate_body: imu.angular_rate,
             specific_force_body: imu.specific_force,
             gravity_ned: env.gravity_ned(),
@@ -95,27 +99,29 @@ fn fly(seed: u64, seconds: f64, outage_s: f64) -> Flown {
         };
         let gnss = t < outage_s;
         let biases = if gnss { BiasMode::Estimated } else { BiasMode::Frozen };
-        filter.predict(&about_at(t - DT), &input, biases).unwrap();
-        let (truth, about) = (trajectory.at(t), about_at(t));
-        if k % 20 == 0 {
-            let (p, v) = noisy.gnss(&truth);
-            for axis in (0..3).filter(|_| gnss) {
-                let e_p = p[axis] - filter.state().position_ned[axis];
-                filter.fuse_position(axis, e_p, levels.gnss_position_m[axis].powi(2)).unwrap();
-                let e_v = v[axis] - filter.state().velocity_ned[axis];
-                filter.fuse_velocity(axis, e_v, levels.gnss_velocity_mps[axis].powi(2)).unwrap();
+        filter.predict(&about_at(t - r.dt_s), &input, biases).unwrap();
+        let about = about_at(t);
+        if let Some(fix) = r.gnss.filter(|_| gnss) {
+            let (sigma_p, sigma_v) = white.gnss.map(|g| (g.position_m, g.velocity_mps)).unwrap();
+            for axis in 0..3 {
+                let e_p = fix.position_ned[axis] - filter.state().position_ned[axis];
+                filter.fuse_position(axis, e_p, sigma_p[axis].powi(2)).unwrap();
+                let e_v = fix.velocity_ned[axis] - filter.state().velocity_ned[axis];
+                filter.fuse_velocity(axis, e_v, sigma_v[axis].powi(2)).unwrap();
             }
         }
-        if k % 10 == 0 {
-            let (flow, down) = (noisy.flow_velocity(&truth), noisy.altitude_down(&truth));
-            let e = down - filter.state().position_ned.z;
-            filter.fuse_position(2, e, levels.altitude_m.powi(2)).unwrap();
+        if let Some(barometer) = r.barometer {
+            let e = -barometer.altitude_m - filter.state().position_ned.z;
+            filter.fuse_position(2, e, white.barometer.unwrap().noise_m.powi(2)).unwrap();
+        }
+        if let Some(flow) = r.flow {
+            let sigma = white.flow.unwrap().noise_mps;
             for axis in 0..3 {
-                filter.fuse_flow(&about, axis, flow[axis], levels.flow_mps[axis].powi(2)).unwrap();
+                filter.fuse_flow(&about, axis, flow.velocity_body[axis], sigma[axis].powi(2)).unwrap();
             }
         }
     }
-    let (x, truth) = (filter.state(), truth_at(n as f64 * DT));
+    let (x, truth) = (filter.state(), truth_at(readings[readings.len() - 1].t_s));
     let (a, b) = (x.angles, truth.angles);
     let blocks = [
         Vector3::new(a.roll_rad - b.roll_rad, a.pitch_rad - b.pitch_rad, a.yaw_rad - b.yaw_rad)
@@ -181,8 +187,7 @@ proptest! {
         values in proptest::collection::vec(sensed(), 12), gate in 1.0..20.0f64, kinds in proptest::collection::vec(0..5u8, 1..20)) {
         let Flown { filter, .. } = fly(2, 1.0, f64::INFINITY);
         let about = filter.state();
-        let levels = NoiseLevels::tactical();
-        let mut filter = Xkf::new(XkfSettings { gate_sigma: gate, ..settings(&levels) }, &about, &START.map(Vector3::repeat), Vector3::zeros());
+        let mut filter = Xkf::new(XkfSettings { gate_sigma: gate, ..settings() }, &about, &START.map(Vector3::repeat), Vector3::zeros());
         let v = |i: usize| Vector3::new(values[i], values[i + 1], values[i + 2]);
         for (i, kind) in kinds.iter().enumerate() {
             let (x, axis) = (values[i % 12], i % 3);

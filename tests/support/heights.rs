@@ -156,7 +156,7 @@ impl Watch {
     fn published(&self) -> Option<(&Solution, f64)> {
         let solution = self.runner.solution().filter(|s| s.mode != Mode::Aligning)?;
         let frame = self.runner.pipeline.navigator.frame()?;
-        Some((solution, frame.to_geodetic(&solution.position_ned).height_m))
+        Some((solution, frame.to_geodetic(&solution.position.raw()).height_m))
     }
 
     /// How far the height moved by itself since the last IMU sample.
@@ -166,7 +166,7 @@ impl Watch {
             self.last = None;
             return;
         };
-        let (time, climb) = (s.time, -s.velocity_ned.z);
+        let (time, climb) = (s.time, -s.velocity.raw().z);
         if let Some((then, before, climbed)) = self.last.replace((time, height, climb))
             && !told
         {
@@ -183,8 +183,8 @@ impl Watch {
         let dt = time.seconds_since(s.time);
         (dt.abs() < STALE_S).then(|| Compared {
             t_s: self.runner.seconds(time),
-            published_m: height - s.velocity_ned.z * dt,
-            sigma_m: s.position_covariance[(2, 2)].max(0.0).sqrt(),
+            published_m: height - s.velocity.raw().z * dt,
+            sigma_m: s.position_covariance.raw()[(2, 2)].max(0.0).sqrt(),
             reference_m,
         })
     }

@@ -7,11 +7,11 @@ use holdover::landmark::dead_reckoning::DeadReckoning;
 use holdover::landmark::information::SeenInD;
 use holdover::landmark::refined::{Refined, Rigid};
 use holdover::landmark::{
-    BodyMotion, CameraMount, LandmarkFilter, LandmarkMap, LandmarkPose, LandmarkSettings, LandmarkSighting,
-    PoseGuess, Seen, SightingVerdict,
+    BodyMotion, LandmarkCamera, LandmarkFilter, LandmarkMap, LandmarkPose, LandmarkSettings,
+    LandmarkSighting, PoseGuess, Seen, SightingVerdict,
 };
 use holdover::sim::landmarks::{LandmarkStep, wrong_start};
-use holdover::sim::{LandmarkCamera, LandmarkFlight, MarkerField, SeenLandmark, Trajectory, Truth};
+use holdover::sim::{LandmarkFlight, MarkerCamera, MarkerField, SeenLandmark, Trajectory, Truth};
 use holdover::time::AutopilotTime;
 use nalgebra::{Matrix3, Vector3};
 
@@ -22,10 +22,9 @@ pub fn stamp(t_s: f64) -> AutopilotTime {
     AutopilotTime::from_micros((t_s * 1e6).round() as i64)
 }
 
-pub fn mount(camera: &LandmarkCamera) -> CameraMount {
-    CameraMount {
-        r_camera_to_body: camera.r_camera_to_body,
-        lever_body: camera.lever_body,
+pub fn landmark_camera(camera: &MarkerCamera) -> LandmarkCamera {
+    LandmarkCamera {
+        mount: camera.mount,
         half_field_of_view_rad: camera.half_field_of_view_rad.map(|a| a + 0.01),
     }
 }
@@ -57,7 +56,7 @@ pub type Track = Vec<(f64, Error)>;
 pub struct Case<'a> {
     pub trajectory: &'a dyn Trajectory,
     pub field: &'a MarkerField,
-    pub camera: LandmarkCamera,
+    pub camera: MarkerCamera,
     pub noise: holdover::sim::MotionNoise,
     pub settings: LandmarkSettings,
     /// Initial error of the attitude, rad; any when absent.
@@ -91,7 +90,7 @@ impl Case<'_> {
     }
 
     pub fn filter(&self, flight: &LandmarkFlight) -> LandmarkFilter {
-        let cameras = vec![mount(&self.camera)];
+        let cameras = vec![landmark_camera(&self.camera)];
         LandmarkFilter::new(self.settings, self.map(), cameras, stamp(0.0), &self.guess(flight))
     }
 }
@@ -157,7 +156,7 @@ pub fn errors(case: &Case<'_>, every: usize) -> (Track, Track) {
 pub fn ekf_errors(case: &Case<'_>, every: usize) -> Track {
     let flight = case.flight();
     let (p, r) = case.start(&flight);
-    let (map, mount, settings) = (case.map(), mount(&case.camera), case.settings);
+    let (map, camera, settings) = (case.map(), landmark_camera(&case.camera), case.settings);
     let mut reckoning = DeadReckoning::new(stamp(0.0), settings.history_s, settings.gap_s, settings.motions);
     let n = r.transpose();
     let start = Rigid { centroid_d: n * (map.centroid() - p), r_to_d: n };
@@ -174,13 +173,12 @@ pub fn ekf_errors(case: &Case<'_>, every: usize) -> Track {
         }
         while let Some(seen) = next.next_if(|s| s.heard_s <= step.truth.t_s + 1e-9) {
             let (Some(q), Ok(then)) = (map.get(seen.id), reckoning.at(stamp(seen.taken_s))) else { continue };
-            let [x, y] = seen.angle_xy.map(f64::tan);
-            let direction = mount.r_camera_to_body * Vector3::new(x, y, 1.0).normalize();
+            let direction = camera.towards(seen.angle_xy).raw().normalize();
             let offset = q - map.centroid();
             let seen = SeenInD {
                 landmark: offset,
                 direction_d: then.r_body_to_d * direction,
-                camera_d: then.position_d + then.r_body_to_d * mount.lever_body,
+                camera_d: then.position_d + then.r_body_to_d * camera.mount.lever_arm.raw(),
                 distance: None,
             };
             let about = *ekf.state();

@@ -5,30 +5,30 @@
     reason = "simulated sensors are finite and timely: anything else is a fault of the simulation"
 )]
 
+use super::flight::white;
 use holdover::geo::so3;
 use holdover::observer::attitude::MagneticPair;
 use holdover::observer::*;
-use holdover::sim::scenario::Scenario;
-use holdover::sim::*;
-use holdover::time::{AutopilotTime, Span};
+use holdover::sim::models::ImuModel;
+use holdover::sim::{Scenario, SensorSuite, Simulation, Trajectory};
+use holdover::time::Span;
 use nalgebra::{Matrix3, Vector3};
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-const DT_US: i64 = 10_000;
+/// What the first fix is off by: one standard deviation an axis, m and m/s.
+const FIRST_FIX_M: Vector3<f64> = Vector3::new(1.5, -1.5, 2.5);
+const FIRST_FIX_MPS: Vector3<f64> = Vector3::new(-0.1, 0.1, 0.15);
 
 /// How a run goes.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
-    pub environment: Environment,
     /// How fixes are injected between them.
     pub scheme: Scheme,
-    pub trajectory: &'a (dyn Trajectory + Sync),
-    pub levels: NoiseLevels,
+    pub scenario: &'a Scenario,
+    pub suite: SensorSuite,
     pub seed: u64,
     pub seconds: f64,
-    /// GNSS fixes arrive this late, in IMU samples.
-    pub gnss_late: i64,
     /// No GNSS from this time on.
     pub outage_s: f64,
     pub with_gnss_velocity: bool,
@@ -39,20 +39,13 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    pub fn new(
-        trajectory: &'a (dyn Trajectory + Sync),
-        levels: NoiseLevels,
-        seed: u64,
-        seconds: f64,
-    ) -> Self {
+    pub fn new(scenario: &'a Scenario, suite: SensorSuite, seed: u64, seconds: f64) -> Self {
         Self {
-            environment: Environment::trondheim(),
             scheme: Scheme::InterSample,
-            trajectory,
-            levels,
+            scenario,
+            suite,
             seed,
             seconds,
-            gnss_late: 0,
             outage_s: f64::INFINITY,
             with_gnss_velocity: true,
             flow_bias_from_s: f64::INFINITY,
@@ -93,28 +86,22 @@ pub enum Observer {
 }
 
 pub fn run(what: &Run, start: &Observer, then: &Observer, r_start: Matrix3<f64>) -> Vec<Point> {
-    let env = what.environment;
-    let mut noisy = Noisy::new(what.levels, what.seed);
-    let truth = what.trajectory.at(0.0);
-    let (p0, v0) = noisy.gnss(&truth);
+    let simulation = Simulation::new(what.scenario.clone().lasting(what.seconds), what.suite, what.seed);
+    let env = what.scenario.environment;
+    let truth = what.scenario.at(0.0);
+    let (p0, v0) = (truth.position_ned + FIRST_FIX_M, truth.velocity_ned + FIRST_FIX_MPS);
     let mut state = ObserverState::new(r_start, p0, v0);
     let mut biases = FusiniBiases::default();
-    let stamp = |k: i64| AutopilotTime::from_micros(k * DT_US);
     let mut w =
         Predictor::new(what.scheme, Span::from_millis(800), Span::from_millis(1000), env.earth_rate_ned);
-    w.reset(stamp(0), &p0, &v0);
+    w.reset(Simulation::ap_time(0.0), &p0, &v0);
     let mut flow = None;
     let mut altitude = None;
-    let mut pending: Vec<(i64, FixSample)> = Vec::new();
     let mut points = Vec::new();
-    let dt = 0.01;
-    let n = (what.seconds / dt) as i64;
-    for k in 1..=n {
-        let t = k as f64 * dt;
-        let imu = noisy.imu(&env.imu(what.trajectory, t - dt, t), dt);
-        let truth = what.trajectory.at(t);
-        let magnetic =
-            MagneticPair { field_body: noisy.magnetometer(&env, &truth), field_ned: env.magnetic_ned };
+    for reading in simulation {
+        let (t, dt, imu, truth) = (reading.t_s, reading.dt_s, reading.imu.measured, reading.truth);
+        let field_body = reading.field_body.unwrap();
+        let magnetic = MagneticPair { field_body, field_ned: env.magnetic_ned };
         let gnss = t < what.outage_s;
         let observer = if t < what.staged_s { start } else { then };
         let report = match observer {
@@ -157,22 +144,18 @@ pub fn run(what: &Run, start: &Observer, then: &Observer, r_start: Matrix3<f64>)
                 fusini::step(params, &mut state, &mut biases, &input).unwrap()
             }
         };
-        w.propagate(stamp(k), &report.acceleration_ned, &state.velocity_ned);
-        if k % 20 == 0 && gnss {
-            let (p, v) = noisy.gnss(&truth);
-            let fix = FixSample::position(stamp(k), &p);
-            let fix = if what.with_gnss_velocity { fix.with_velocity(&v) } else { fix };
-            pending.push((k + what.gnss_late, fix));
-        }
-        while let Some(i) = pending.iter().position(|(due, _)| *due <= k) {
-            let (_, fix) = pending.remove(i);
+        w.propagate(reading.time, &report.acceleration_ned, &state.velocity_ned);
+        if let Some(fix) = reading.gnss.filter(|_| gnss) {
+            let position = FixSample::position(Simulation::ap_time(fix.measured_s), &fix.position_ned);
+            let fix =
+                if what.with_gnss_velocity { position.with_velocity(&fix.velocity_ned) } else { position };
             let e = w.innovation(&fix).unwrap();
             w.apply(&e);
         }
-        if k % 10 == 0 {
-            let v_m = noisy.flow_velocity(&truth);
+        altitude = reading.barometer.map(|b| -b.altitude_m).or(altitude);
+        if let Some(seen) = reading.flow {
+            let v_m = seen.velocity_body;
             flow = Some(v_m);
-            altitude = Some(noisy.altitude_down(&truth));
             if let (Observer::Fusini(params, ..), true, false, Some(now)) =
                 (observer, gnss && t >= what.flow_bias_from_s, report.gated, w.latest())
             {
@@ -186,7 +169,7 @@ pub fn run(what: &Run, start: &Observer, then: &Observer, r_start: Matrix3<f64>)
             euler: r.map_or(Vector3::repeat(3.0), |r| euler_error(&r, &truth.r_body_to_ned)),
             position: state.position_ned - truth.position_ned,
             velocity: state.velocity_ned - truth.velocity_ned,
-            bias: (state.gyro_bias - what.levels.gyro_bias).norm(),
+            bias: (state.gyro_bias - reading.imu.gyro_bias).norm(),
         });
     }
     points
@@ -224,7 +207,7 @@ pub const FAST_S: f64 = 30.0;
 
 /// The flight of Grip, Section V.
 pub fn cessna(scenario: &Scenario, seed: u64) -> Run<'_> {
-    Run { environment: scenario.environment, ..Run::new(scenario, paper_levels(), seed, scenario.duration_s) }
+    Run::new(scenario, paper_suite(), seed, scenario.duration_s)
 }
 
 /// Its start: the true attitude turned about the vertical.
@@ -233,14 +216,10 @@ pub fn wrong_yaw(scenario: &Scenario) -> Matrix3<f64> {
 }
 
 /// The paper's noise: no accelerometer bias, no hard iron.
-pub fn paper_levels() -> NoiseLevels {
-    NoiseLevels {
-        // 1.41 °/s long.
-        gyro_bias: Vector3::new(1.0, -0.6, 0.8).map(f64::to_radians),
-        accel_bias: Vector3::zeros(),
-        magnetometer_bias_t: Vector3::zeros(),
-        ..NoiseLevels::tactical()
-    }
+pub fn paper_suite() -> SensorSuite {
+    // 1.41 °/s long.
+    let gyro_bias = Vector3::new(1.0, 0.6, 0.8).map(f64::to_radians);
+    white(ImuModel { gyro_bias, accel_bias: Vector3::zeros(), ..ImuModel::tactical() })
 }
 
 /// Roll, pitch, yaw (°), position (m), velocity (m/s), and when the bias has converged (s; infinite when it has not).

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each uses its part")]
 
 use holdover::geo::so3::{Euler, angle_between, exp, left_jacobian};
-use holdover::landmark::riccati::Discount;
+use holdover::landmark::Discount;
 use holdover::landmark::{
     BodyMotion, CameraModel, Definiteness, HinfFilter, HinfSettings, ImplicitSystem, VisionInertial,
     VisionSample,

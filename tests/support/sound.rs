@@ -5,8 +5,8 @@ use holdover::navigator::solution::Solution;
 
 /// Whether every number of it is one.
 pub fn is_finite(s: &Solution) -> bool {
-    let matrices = [&s.r_body_to_ned, &s.position_covariance, &s.velocity_covariance];
-    let vectors = [&s.position_ned, &s.velocity_ned, &s.angular_rate_body, &s.attitude_variance];
+    let matrices = [*s.attitude.matrix(), s.position_covariance.raw(), s.velocity_covariance.raw()];
+    let vectors = [s.position.raw(), s.velocity.raw(), s.angular_rate.raw(), s.attitude_variance];
     matrices.iter().all(|m| m.iter().all(|v| v.is_finite()))
         && vectors.iter().all(|v| v.iter().all(|c| c.is_finite()))
 }
@@ -20,9 +20,10 @@ pub fn is_covariance(m: &nalgebra::Matrix3<f64>) -> bool {
 
 pub fn check_form(s: &Solution, what: &str) {
     assert!(is_finite(s), "{what}: {s:?}");
-    assert!(is_covariance(&s.position_covariance), "{what}: {}", s.position_covariance);
-    assert!(is_covariance(&s.velocity_covariance), "{what}: {}", s.velocity_covariance);
+    for covariance in [s.position_covariance.raw(), s.velocity_covariance.raw()] {
+        assert!(is_covariance(&covariance), "{what}: {covariance}");
+    }
     assert!(s.attitude_variance.iter().all(|v| *v >= 0.0), "{what}: {}", s.attitude_variance);
-    let r = &s.r_body_to_ned;
+    let r = s.attitude.matrix();
     assert!((r * r.transpose() - nalgebra::Matrix3::identity()).norm() < 1e-6, "{what}: {r}");
 }

@@ -10,6 +10,7 @@
 mod command;
 
 mod cli;
+mod docs;
 mod flights;
 mod marker_log;
 mod simulate;

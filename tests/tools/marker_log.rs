@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::command::holdover;
+use holdover::geo::Body;
 use holdover::sample::{Input, LandmarkSample, Sample, Sighting};
 use holdover::time::AutopilotTime;
 use holdover::wire::counters::Cause;
@@ -113,7 +114,7 @@ fn landing_target_of_any_component_of_the_vehicle_is_a_sighting() {
     let bearing = Sighting::Bearing { angle_xy: [0.25, -0.5], distance_m: Some(12.5) };
     let time = AutopilotTime::from_micros(19_950_000);
     for (component, sighting) in
-        [(1, bearing), (100, bearing), (191, Sighting::Body(Vector3::new(1.0, -2.0, 8.0)))]
+        [(1, bearing), (100, bearing), (191, Sighting::Body(Body::new(Vector3::new(1.0, -2.0, 8.0))))]
     {
         let sample = LandmarkSample { time, camera: component, id: 7, sighting };
         let items = hear(&mut decoder(), 1, component, &message(&sample));
@@ -126,7 +127,7 @@ fn landing_target_of_any_component_of_the_vehicle_is_a_sighting() {
 
 #[test]
 fn stamps_of_another_clock_and_frames_that_are_not_the_vehicles_are_counted() {
-    let sighting = Sighting::Body(Vector3::new(1.0, -2.0, 8.0));
+    let sighting = Sighting::Body(Body::new(Vector3::new(1.0, -2.0, 8.0)));
     let at = |us| LandmarkSample { time: AutopilotTime::from_micros(us), camera: 100, id: 7, sighting };
     let mut decoder = decoder();
     (0..20).for_each(|k| assert!(hear(&mut decoder, 1, 100, &message(&at(900_000_000 + k))).is_empty()));

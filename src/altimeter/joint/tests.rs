@@ -51,7 +51,7 @@ fn row(channel: Channel) -> RowSVector<f64, STATES> {
 /// After some time with everything in use, a bias of GNSS among it.
 fn flown() -> Joint {
     let mut joint = joint();
-    joint.forget(Channel::Gnss.fault(), 400.0);
+    joint.decorrelate(Channel::Gnss.fault(), 400.0);
     for k in 0..40 {
         let transition = joint.transition(0.1);
         joint.predict(&transition, 0.02, 0.001, 0.01);

@@ -1,7 +1,7 @@
-//! The covariance: carried along with the motion, and reduced by scalar measurements.
+//! The covariance: propagated along with the motion, and reduced by scalar measurements.
 //!
-//! Between measurements it is carried in steps of up to 20 ms, several IMU samples at once: the nominal state moves with every sample,
-//! what the error moves by over the step is summed up in [`Pending`]. Only the rows of attitude, position and velocity change
+//! Between measurements it is propagated in steps of up to 20 ms, several IMU samples at once: the nominal state moves with every sample,
+//! what the error moves by over the step is summed up in [`ErrorTransition`]. Only the rows of attitude, position and velocity change
 //! (Φ differs from I in those alone), so that is all that is computed; the other half follows by symmetry.
 
 use nalgebra::{Matrix3, RowVector3, SMatrix, SVector, Vector3};
@@ -13,9 +13,9 @@ use crate::geo::so3::hat;
 pub(super) type Covariance = SMatrix<f64, STATES, STATES>;
 type Rows9 = SMatrix<f64, 9, STATES>;
 
-/// What the error moves by, summed over the samples since the covariance was carried last.
+/// What the error moves by, summed over the samples since the covariance was propagated last.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pending {
+pub(super) struct ErrorTransition {
     /// Their time, s.
     pub(super) dt: f64,
     /// Attitude at their beginning, body → NED.
@@ -33,7 +33,7 @@ pub(super) struct Pending {
     load_squared: f64,
 }
 
-impl Pending {
+impl ErrorTransition {
     /// Nothing yet, beginning at this attitude.
     pub(super) fn new(r_start: Matrix3<f64>) -> Self {
         let zero = Vector3::zeros();
@@ -70,7 +70,7 @@ impl Pending {
     }
 
     /// P ← Φ P Φᵀ + Q. False when what came of it is not finite.
-    pub(super) fn carry(&self, p: &mut Covariance, settings: &EskfSettings) -> bool {
+    pub(super) fn propagate_covariance(&self, p: &mut Covariance, settings: &EskfSettings) -> bool {
         let dt = self.dt;
         let turn_t = self.turn.transpose();
         // A gyro error acts in the axes of its own moment: those of the end and of the beginning, half and half.
@@ -123,7 +123,7 @@ impl Pending {
             (FLOW, 2, s.flow_bias_walk),
             (FLOW + 2, 2, s.flow_scale_walk),
             (BM, 3, magnetic),
-            (WIND, 2, s.wind_walk),
+            (WIND, 2, s.air.wind_walk),
         ] {
             for i in at..at + n {
                 p[(i, i)] += density * density * self.dt;
@@ -159,13 +159,13 @@ impl Phi {
 
 /// ∂z/∂x of a scalar measurement: its entries that are not zero.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
+pub(super) struct SparseRow {
     len: usize,
-    at: [usize; Row::MOST],
-    by: [f64; Row::MOST],
+    at: [usize; SparseRow::MOST],
+    by: [f64; SparseRow::MOST],
 }
 
-impl Row {
+impl SparseRow {
     const MOST: usize = 18;
 
     pub(super) fn empty() -> Self {

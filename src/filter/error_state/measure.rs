@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
 
-use super::covariance::Row;
+use super::covariance::SparseRow;
+use super::tuning::MIN_AIRSPEED;
 use super::{AIRSPEED, BA, BG, BM, Correction, DRAG, Eskf, EskfState, FLOW, Gated, MICRO, P, THETA, V, WIND};
 use crate::camera::FlowCalibration;
 use crate::geo::so3::hat;
@@ -21,9 +22,6 @@ impl Lag {
     /// A measurement of the present.
     pub const NONE: Lag = Lag { seconds: 0.0, impulse_ned: Vector3::new(0.0, 0.0, 0.0) };
 }
-
-/// Slower than this through the air, neither airspeed nor sideslip say anything, m/s.
-const MIN_AIRSPEED: f64 = 3.0;
 
 impl Eskf {
     /// A position component (NED axis 0, 1 or 2): innovation against the state of its time, and its variance.
@@ -72,7 +70,7 @@ impl Eskf {
     /// # Errors
     /// [`Gated`].
     pub fn fuse_heading(&mut self, innovation: f64, variance: f64) -> Result<Correction, Gated> {
-        let h = Row::empty().with3(THETA, &self.state.r_body_to_ned.row(2).into_owned());
+        let h = SparseRow::empty().with3(THETA, &self.state.r_body_to_ned.row(2).into_owned());
         self.fuse(&h, innovation, variance)
     }
 
@@ -186,18 +184,18 @@ impl Eskf {
     ) -> Result<[Correction; 3], Gated> {
         for axis in 0..3 {
             let innovation = -self.state.velocity_ned[axis];
-            self.gate(&Row::unit(V + axis), innovation, sigma_mps.powi(2))?;
+            self.gate(&SparseRow::unit(V + axis), innovation, sigma_mps.powi(2))?;
         }
         let mut corrections = [None; 3];
         for axis in 0..3 {
             let innovation = -self.state.velocity_ned[axis];
-            corrections[axis] = Some(self.fuse(&Row::unit(V + axis), innovation, sigma_mps.powi(2))?);
+            corrections[axis] = Some(self.fuse(&SparseRow::unit(V + axis), innovation, sigma_mps.powi(2))?);
         }
         for axis in 0..3 {
             let s = &self.state;
             let expected = s.gyro_bias + s.r_body_to_ned.tr_mul(earth_rate_ned);
             let innovation = angular_rate[axis] - expected[axis];
-            self.fuse(&Row::unit(BG + axis), innovation, sigma_radps.powi(2))?;
+            self.fuse(&SparseRow::unit(BG + axis), innovation, sigma_radps.powi(2))?;
         }
         match corrections {
             [Some(a), Some(b), Some(c)] => Ok([a, b, c]),
@@ -224,9 +222,9 @@ impl EskfState {
     }
 
     /// Its derivative.
-    pub(super) fn drag_row(&self, air_body: &Vector3<f64>, axis: usize) -> Row {
+    pub(super) fn drag_row(&self, air_body: &Vector3<f64>, axis: usize) -> SparseRow {
         let along_ned = self.r_body_to_ned.column(axis).transpose();
-        Row::unit(BA + axis)
+        SparseRow::unit(BA + axis)
             .with3(THETA, &(hat(air_body).row(axis) * -self.drag))
             .with3(V, &(along_ned * -self.drag))
             .with(WIND, along_ned.x * self.drag)
@@ -242,11 +240,11 @@ impl EskfState {
     }
 
     /// Expected airspeed and its derivative.
-    pub(super) fn airspeed_row(&self) -> Option<(f64, Row)> {
+    pub(super) fn airspeed_row(&self) -> Option<(f64, SparseRow)> {
         let (v, speed) = self.through_air()?;
         let gain = 1.0 + self.airspeed_scale;
         let along = v * (gain / speed);
-        let h = Row::empty()
+        let h = SparseRow::empty()
             .with3(V, &along.transpose())
             .with(WIND, -along.x)
             .with(WIND + 1, -along.y)
@@ -255,11 +253,11 @@ impl EskfState {
     }
 
     /// Expected velocity of the air along body y, the airspeed, and the derivative of the former.
-    pub(super) fn sideslip_row(&self) -> Option<(f64, f64, Row)> {
+    pub(super) fn sideslip_row(&self) -> Option<(f64, f64, SparseRow)> {
         let (v, speed) = self.through_air()?;
         let body = self.r_body_to_ned.tr_mul(&v);
         let y_ned = self.r_body_to_ned.column(1).transpose();
-        let h = Row::empty()
+        let h = SparseRow::empty()
             .with3(THETA, &hat(&body).row(1).into_owned())
             .with3(V, &y_ned)
             .with(WIND, -y_ned.x)
@@ -269,8 +267,8 @@ impl EskfState {
 }
 
 /// ∂p_then/∂x of one axis.
-pub(super) fn position_row(state: &EskfState, axis: usize, lag: &Lag) -> Row {
-    let h = Row::unit(P + axis);
+pub(super) fn position_row(state: &EskfState, axis: usize, lag: &Lag) -> SparseRow {
+    let h = SparseRow::unit(P + axis);
     if lag.seconds <= 0.0 {
         return h;
     }
@@ -279,8 +277,8 @@ pub(super) fn position_row(state: &EskfState, axis: usize, lag: &Lag) -> Row {
 }
 
 /// ∂v_then/∂x of one axis.
-pub(super) fn velocity_row(state: &EskfState, axis: usize, lag: &Lag) -> Row {
-    let h = Row::unit(V + axis);
+pub(super) fn velocity_row(state: &EskfState, axis: usize, lag: &Lag) -> SparseRow {
+    let h = SparseRow::unit(V + axis);
     if lag.seconds <= 0.0 {
         return h;
     }
@@ -290,8 +288,8 @@ pub(super) fn velocity_row(state: &EskfState, axis: usize, lag: &Lag) -> Row {
 }
 
 /// ∂m/∂x of one magnetometer axis, µT; `field_body` is Rᵀ m_n in T. Exp(−δθ) x ≈ x + S(x) δθ.
-pub(super) fn magnetic_row(field_body: &Vector3<f64>, axis: usize) -> Row {
-    Row::unit(BM + axis).with3(THETA, &(hat(field_body).row(axis) * MICRO))
+pub(super) fn magnetic_row(field_body: &Vector3<f64>, axis: usize) -> SparseRow {
+    SparseRow::unit(BM + axis).with3(THETA, &(hat(field_body).row(axis) * MICRO))
 }
 
 /// What the flow sensor shows of a body velocity: (1 + s)(I + μJ) v_xy + b, to first order (1 + s) I + μJ.
@@ -310,7 +308,7 @@ pub(super) fn flow_rows(
     v_body: &Vector3<f64>,
     r_then: &Matrix3<f64>,
     lag: &Lag,
-) -> [Row; 2] {
+) -> [SparseRow; 2] {
     let scale = flow_scale(&state.flow);
     let r_now = &state.r_body_to_ned;
     let by_velocity = scale * r_then.transpose().fixed_rows::<2>(0);
@@ -320,7 +318,7 @@ pub(super) fn flow_rows(
     let turned = if late { by_attitude * r_then.transpose() * r_now } else { by_attitude };
     let by_theta = if late { turned + by_velocity * hat(&lag.impulse_ned) * r_now } else { turned };
     [0, 1].map(|i| {
-        let mut h = Row::empty()
+        let mut h = SparseRow::empty()
             .with3(THETA, &by_theta.row(i).into_owned())
             .with3(V, &by_velocity.row(i).into_owned());
         for k in 0..4 {

@@ -16,12 +16,15 @@ mod covariance;
 mod measure;
 #[cfg(test)]
 mod tests;
+mod tuning;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::geo::so3::{exp, nearest_rotation};
-use covariance::{Covariance, Pending, Row, reduce};
+use crate::geo::polar_rotation;
+use crate::geo::so3::exp;
+use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 pub use measure::Lag;
+use tuning::{COVARIANCE_STEP_S, REORTHONORMALISE};
 
 /// Size of the error state.
 pub const STATES: usize = 29;
@@ -40,10 +43,6 @@ const DRAG: usize = 28;
 
 /// Micro-units in a unit.
 const MICRO: f64 = 1e6;
-/// Longest step of the covariance, s.
-const CARRY_S: f64 = 0.02;
-/// Samples between two orthonormalisations.
-const REORTHONORMALISE: u32 = 100;
 
 /// Noise densities, walks, and what is known of constants before the flight. A constant whose standard deviation and walk are zero is
 /// no state at all.
@@ -71,6 +70,15 @@ pub struct EskfSettings {
     pub flow_bias_walk: f64,
     /// Random walk of the flow's scale and misalignment, 1/√s.
     pub flow_scale_walk: f64,
+    /// Wind, airspeed and drag.
+    pub air: AirModel,
+    /// Innovations beyond this many sigmas are rejected.
+    pub gate_sigma: f64,
+}
+
+/// What is known before the flight of the air and of how the vehicle feels it. All zero: none of it is a state.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AirModel {
     /// Standard deviation of the wind before it was seen, m/s per axis.
     pub wind_sigma: f64,
     /// Random walk of the wind, m/s/√s.
@@ -79,8 +87,6 @@ pub struct EskfSettings {
     pub airspeed_scale_sigma: f64,
     /// Standard deviation of the rotors' drag before it was seen, 1/s.
     pub drag_sigma: f64,
-    /// Innovations beyond this many sigmas are rejected.
-    pub gate_sigma: f64,
 }
 
 /// The nominal state.
@@ -159,7 +165,7 @@ pub struct StartSigma {
     pub flow: SMatrix<f64, 4, 4>,
 }
 
-/// What a correction moved, to be carried into the remembered past, and how likely it was.
+/// What a correction moved, so that the remembered past moves with it, and how likely it was.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction {
     /// Of the position, m.
@@ -182,7 +188,7 @@ pub struct Eskf {
     settings: EskfSettings,
     state: EskfState,
     p: Covariance,
-    pending: Pending,
+    pending: ErrorTransition,
     steps: u32,
     /// What the covariance became last was finite.
     sound: bool,
@@ -193,7 +199,7 @@ impl Eskf {
     pub fn new(settings: EskfSettings, state: EskfState, sigma: &StartSigma) -> Self {
         let mut p = Covariance::zeros();
         let s = &settings;
-        let wind = Vector3::new(s.wind_sigma, s.wind_sigma, s.airspeed_scale_sigma);
+        let wind = Vector3::new(s.air.wind_sigma, s.air.wind_sigma, s.air.airspeed_scale_sigma);
         for (block, s) in [
             (THETA, sigma.attitude_body),
             (P, sigma.position_ned),
@@ -209,8 +215,8 @@ impl Eskf {
             }
         }
         p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
-        p[(DRAG, DRAG)] = settings.drag_sigma.powi(2);
-        Self { settings, state, p, pending: Pending::new(state.r_body_to_ned), steps: 0, sound: true }
+        p[(DRAG, DRAG)] = settings.air.drag_sigma.powi(2);
+        Self { settings, state, p, pending: ErrorTransition::new(state.r_body_to_ned), steps: 0, sound: true }
     }
 
     /// The nominal state.
@@ -260,29 +266,29 @@ impl Eskf {
     ) {
         self.reset_position(position_ne, sigma_position_m);
         for axis in 0..2 {
-            self.forget(V + axis, sigma_velocity_mps);
+            self.decorrelate(V + axis, sigma_velocity_mps);
             self.state.velocity_ned[axis] = velocity_ne[axis];
         }
     }
 
     /// The horizontal position is known anew, with this standard deviation; all else stays, and forgets what it had to do with the old one.
     pub fn reset_position(&mut self, position_ne: &Vector2<f64>, sigma_m: f64) {
-        self.carry();
+        self.propagate_covariance();
         for axis in 0..2 {
-            self.forget(P + axis, sigma_m);
+            self.decorrelate(P + axis, sigma_m);
             self.state.position_ned[axis] = position_ne[axis];
         }
     }
 
-    fn forget(&mut self, index: usize, sigma: f64) {
+    fn decorrelate(&mut self, index: usize, sigma: f64) {
         self.p.row_mut(index).fill(0.0);
         self.p.column_mut(index).fill(0.0);
         self.p[(index, index)] = sigma * sigma;
     }
 
     /// Something unknown happened: adds these standard deviations of attitude (rad), position (m) and velocity (m/s) per axis.
-    pub fn doubt(&mut self, attitude: f64, position: f64, velocity: f64) {
-        self.carry();
+    pub fn inflate(&mut self, attitude: f64, position: f64, velocity: f64) {
+        self.propagate_covariance();
         for (block, sigma) in [(THETA, attitude), (P, position), (V, velocity)] {
             for i in block..block + 3 {
                 self.p[(i, i)] += sigma * sigma;
@@ -315,33 +321,33 @@ impl Eskf {
         s.r_body_to_ned = r * turn;
         self.steps += 1;
         if self.steps.is_multiple_of(REORTHONORMALISE)
-            && let Some(clean) = nearest_rotation(&s.r_body_to_ned)
+            && let Some(clean) = polar_rotation(&s.r_body_to_ned)
         {
             s.r_body_to_ned = clean;
         }
         self.pending.add(dt, &turn, &r, &f_ned, &inertial, (f_ned + gravity_ned).norm());
-        if self.pending.dt >= CARRY_S {
-            self.carry();
+        if self.pending.dt >= COVARIANCE_STEP_S {
+            self.propagate_covariance();
         }
         acceleration
     }
 
     /// Brings the covariance up to the nominal state.
-    fn carry(&mut self) {
+    fn propagate_covariance(&mut self) {
         if self.pending.dt > 0.0 {
-            self.sound &= self.pending.carry(&mut self.p, &self.settings);
-            self.pending = Pending::new(self.state.r_body_to_ned);
+            self.sound &= self.pending.propagate_covariance(&mut self.p, &self.settings);
+            self.pending = ErrorTransition::new(self.state.r_body_to_ned);
         }
     }
 
     /// The innovation's variance, P hᵀ, and whether it passes the gate.
     fn gate(
         &mut self,
-        h: &Row,
+        h: &SparseRow,
         innovation: f64,
         variance: f64,
     ) -> Result<(f64, SVector<f64, STATES>), Gated> {
-        self.carry();
+        self.propagate_covariance();
         let ph = h.times(&self.p);
         let s = h.dot(&ph) + variance;
         let normalised = innovation / s.sqrt();
@@ -353,14 +359,14 @@ impl Eskf {
     }
 
     /// A scalar update.
-    fn fuse(&mut self, h: &Row, innovation: f64, variance: f64) -> Result<Correction, Gated> {
+    fn fuse(&mut self, h: &SparseRow, innovation: f64, variance: f64) -> Result<Correction, Gated> {
         let (s, ph) = self.gate(h, innovation, variance)?;
         // The gate has seen that s is finite.
         self.sound &= ph.sum().is_finite();
         reduce(&mut self.p, &ph, s);
         let dx = ph * (innovation / s);
         self.inject(&dx);
-        self.pending = Pending::new(self.state.r_body_to_ned);
+        self.pending = ErrorTransition::new(self.state.r_body_to_ned);
         Ok(Correction {
             position_ned: dx.fixed_rows::<3>(P).into_owned(),
             velocity_ned: dx.fixed_rows::<3>(V).into_owned(),

@@ -19,10 +19,7 @@ fn silent() -> EskfSettings {
         magnetic_bias_sigma: 0.0,
         flow_bias_walk: 0.0,
         flow_scale_walk: 0.0,
-        wind_sigma: 0.0,
-        wind_walk: 0.0,
-        airspeed_scale_sigma: 0.0,
-        drag_sigma: 0.0,
+        air: AirModel::default(),
         gate_sigma: 5.0,
     }
 }
@@ -87,7 +84,7 @@ fn step(f: &mut Eskf, dt: f64) {
 
 #[test]
 fn the_covariance_moves_as_the_error_does() {
-    // Steps of 4 ms, five of which are carried at once.
+    // Steps of 4 ms, five of which are propagated at once.
     let eps = 1e-5;
     for index in 0..STATES {
         let (mut a, mut b) = (filter(state()), filter(perturbed(&state(), index, eps)));
@@ -96,16 +93,16 @@ fn the_covariance_moves_as_the_error_does() {
             step(&mut a, 0.004);
             step(&mut b, 0.004);
         }
-        a.carry();
+        a.propagate_covariance();
         let moved = difference(a.state(), b.state()) / eps;
         let expected = moved * moved.transpose();
-        // Of second order in the 20 ms that are carried at once.
+        // Of second order in the 20 ms that are propagated at once.
         assert!((a.p - expected).amax() < 5e-3, "{index}: {}", (a.p - expected).amax());
         assert_eq!(a.p, a.p.transpose());
     }
 }
 
-fn rows_match(row: &covariance::Row, expected: impl Fn(&EskfState) -> f64, tolerance: f64) {
+fn rows_match(row: &covariance::SparseRow, expected: impl Fn(&EskfState) -> f64, tolerance: f64) {
     let eps = 1e-6;
     let base = expected(&state());
     let mut dense = SVector::<f64, STATES>::zeros();
@@ -170,7 +167,7 @@ fn late_rows_relate_the_past_to_the_present() {
                 assert!((got - moved[block + axis]).abs() < 0.06, "{block} {axis} by {index}: {got}");
             }
         }
-        f.carry();
+        f.propagate_covariance();
     }
 }
 
@@ -182,10 +179,7 @@ fn the_covariance_stays_symmetric_and_positive() {
         gyro_bias_walk: 1e-5,
         gyro_scale_sigma: 0.01,
         magnetic_bias_sigma: 2e-6,
-        wind_sigma: 5.0,
-        wind_walk: 0.1,
-        airspeed_scale_sigma: 0.1,
-        drag_sigma: 0.2,
+        air: AirModel { wind_sigma: 5.0, wind_walk: 0.1, airspeed_scale_sigma: 0.1, drag_sigma: 0.2 },
         ..silent()
     };
     let sigma = certain([0.1, 3.0, 0.5, 0.01, 0.1], Matrix4::identity() * 0.01);
@@ -240,7 +234,11 @@ fn an_outlier_is_gated_and_changes_nothing() {
 
 #[test]
 fn wind_and_airspeed_scale_are_found_in_turns() {
-    let settings = EskfSettings { wind_sigma: 8.0, airspeed_scale_sigma: 0.1, accel_noise: 0.01, ..silent() };
+    let settings = EskfSettings {
+        air: AirModel { wind_sigma: 8.0, airspeed_scale_sigma: 0.1, ..AirModel::default() },
+        accel_noise: 0.01,
+        ..silent()
+    };
     let start = EskfState::moving(
         Matrix3::identity(),
         Vector3::zeros(),

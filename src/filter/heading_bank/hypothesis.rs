@@ -5,13 +5,15 @@
 //!
 //! δθ̇ = −R δb,  δv̇ = (−S(F) δθ)_NE,  δb random walks.
 //!
-//! All of it is linear in sums that can be taken sample by sample, so that the covariance is carried once a fix, exactly but for the noise:
+//! All of it is linear in sums that can be taken sample by sample, so that the covariance is propagated once a fix, exactly but for the noise:
 //! with A(t) = ∫R dt, δθ⁺ = δθ − A δb and δv⁺ = δv − (S(∫F dt) δθ)_NE + (∫S(F) A dt δb)_NE.
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
 
+use super::tuning::LARGE_TURN;
 use super::{HeadingBankSettings, Waiting};
-use crate::geo::so3::{exp, hat, nearest_rotation};
+use crate::geo::polar_rotation;
+use crate::geo::so3::{exp, hat};
 
 const STATES: usize = 8;
 const THETA: usize = 0;
@@ -21,12 +23,9 @@ const B: usize = 5;
 /// Covariance of a hypothesis' error state.
 type Covariance = SMatrix<f64, STATES, STATES>;
 
-/// Corrections of the attitude beyond this leave a linearisation error worth counting, rad.
-const LARGE_TURN: f64 = 0.05;
-
-/// What the error moves by, summed over the samples since the covariance was carried last.
+/// What the error moves by, summed over the samples since the covariance was propagated last.
 #[derive(Clone, Copy, Debug)]
-struct Pending {
+struct HypothesisTransition {
     span_s: f64,
     /// ∫F dt, m/s.
     impulse: Vector3<f64>,
@@ -40,7 +39,7 @@ struct Pending {
     velocity_noise: f64,
 }
 
-impl Pending {
+impl HypothesisTransition {
     fn new() -> Self {
         Self {
             span_s: 0.0,
@@ -62,11 +61,11 @@ pub(super) struct Hypothesis {
     /// Logarithm of its weight, up to a constant that all have in common.
     pub(super) log_weight: f64,
     p: Covariance,
-    pending: Pending,
+    pending: HypothesisTransition,
 }
 
 /// Standard deviations of a hypothesis at its start.
-pub(super) struct StartDoubt {
+pub(super) struct HypothesisSigma {
     pub(super) tilt: f64,
     pub(super) heading: f64,
     pub(super) velocity: f64,
@@ -74,7 +73,11 @@ pub(super) struct StartDoubt {
 }
 
 impl Hypothesis {
-    pub(super) fn new(r_body_to_ned: Matrix3<f64>, velocity_ne: Vector2<f64>, doubt: &StartDoubt) -> Self {
+    pub(super) fn new(
+        r_body_to_ned: Matrix3<f64>,
+        velocity_ne: Vector2<f64>,
+        doubt: &HypothesisSigma,
+    ) -> Self {
         let (t, h, v, b) = (doubt.tilt, doubt.heading, doubt.velocity, doubt.gyro_bias);
         let sigma = SMatrix::<f64, STATES, 1>::from([t, t, h, v, v, b, b, b]);
         Self {
@@ -83,7 +86,7 @@ impl Hypothesis {
             gyro_bias: Vector3::zeros(),
             log_weight: 0.0,
             p: Covariance::from_diagonal(&sigma.component_mul(&sigma)),
-            pending: Pending::new(),
+            pending: HypothesisTransition::new(),
         }
     }
 
@@ -109,8 +112,8 @@ impl Hypothesis {
     }
 
     /// Brings the covariance up to the nominal state.
-    pub(super) fn carry(&mut self, settings: &HeadingBankSettings) {
-        let step = std::mem::replace(&mut self.pending, Pending::new());
+    pub(super) fn propagate_covariance(&mut self, settings: &HeadingBankSettings) {
+        let step = std::mem::replace(&mut self.pending, HypothesisTransition::new());
         if step.span_s <= 0.0 {
             return;
         }
@@ -136,7 +139,7 @@ impl Hypothesis {
         let mut tv = p.fixed_view_mut::<3, 2>(THETA, V);
         tv += cross.transpose();
         self.p = 0.5 * (p + p.transpose());
-        if let Some(clean) = nearest_rotation(&self.r_body_to_ned) {
+        if let Some(clean) = polar_rotation(&self.r_body_to_ned) {
             self.r_body_to_ned = clean;
         }
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::MEAN_S;
+use super::tuning::MEAN_S;
 
 /// What of the samples is white, from their second differences: motion is smoother than that.
 #[derive(Clone, Copy, Debug, Default)]

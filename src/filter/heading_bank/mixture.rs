@@ -3,10 +3,8 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::hypothesis::Hypothesis;
+use super::tuning::LEAST_WEIGHT;
 use crate::geo::so3;
-
-/// No hypothesis is ever less likely than this: what was wrongly given up can come back.
-const LEAST_WEIGHT: f64 = 1e-6;
 
 /// Mean and covariance.
 pub(super) struct Moments {

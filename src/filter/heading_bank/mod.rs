@@ -13,53 +13,27 @@
 //! specific force of a banked turn for the vertical, and a bank that starts in one would never learn better.
 //!
 //! A fix is old when it comes, so the bank stays behind: samples wait in a ring until a fix of their time has come, and the estimate
-//! is carried over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
+//! is extrapolated over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
 
 mod hypothesis;
 mod jitter;
 mod mixture;
+mod tuning;
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use crate::geo::so3;
+use crate::geo::{polar_rotation, so3};
 use crate::time::{AutopilotTime, Span};
-use hypothesis::{Hypothesis, StartDoubt};
+use hypothesis::{Hypothesis, HypothesisSigma};
 use jitter::Jitter;
 use mixture::{Moments, mean_velocity, normalise};
-
-/// Hypotheses: 22.5° apart.
-const HYPOTHESES: usize = 16;
-/// Standard deviation of a hypothesis over the distance to the next: their sum is then nearly flat.
-const OVERLAP: f64 = 0.6;
-/// Samples that may wait: 2 s at 500 Hz.
-const WAITING: usize = 1024;
-/// The specific force is averaged over this long before the tilt is read off it, s; at least over …
-const LEVELLING_S: f64 = 0.3;
-/// … this much of it, s.
-const LEAST_LEVELLING_S: f64 = 0.05;
-/// Below this part of gravity the specific force has no direction worth taking.
-const LEAST_FORCE: f64 = 0.3;
-/// Tilt error of a vehicle whose specific force looks like gravity, rad.
-const LEAST_TILT: f64 = 0.1;
-/// A fix may lie this far ahead of the newest sample, s: it is taken for one of that time.
-const AHEAD_S: f64 = 0.05;
-/// The covariance is carried this often when no fix comes, s.
-const CARRY_S: f64 = 0.5;
-/// The errors of GNSS velocities go on for this long, s: fixes that come faster are worth less each.
-const CORRELATION_S: f64 = 0.3;
-/// A fix that surprises all hypotheses by more than this many (squared) sigmas is an outlier …
-const GATE_NIS: f64 = 30.0;
-/// … unless so many come in a row: then it is the bank that is wrong, and it starts anew.
-const OUTLIERS: u32 = 10;
-/// Time constant of the mean turn rate and of the mean surprise, s.
-const MEAN_S: f64 = 5.0;
-/// Mean surprise (squared sigmas of two components: 2 in the mean) above which the bank does not know what it is doing.
-const DOUBTFUL_NIS: f64 = 6.0;
-/// Longest time between two fixes, s: after it the bank starts anew.
-const LONGEST_GAP_S: f64 = 10.0;
+use tuning::{
+    AHEAD_S, CORRELATION_S, COVARIANCE_STEP_S, DOUBTFUL_NIS, GATE_NIS, HYPOTHESES, LEAST_FORCE,
+    LEAST_LEVELLING_S, LEAST_TILT, LEVELLING_S, LONGEST_GAP_S, MEAN_S, OUTLIERS, OVERLAP, WAITING,
+};
 
 /// Noise and what is known beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,23 +54,6 @@ pub struct HeadingBankSettings {
     pub found_sigma: f64,
     /// … for this long, s.
     pub found_s: f64,
-}
-
-impl HeadingBankSettings {
-    /// For small MEMS sensors.
-    pub const fn standard() -> Self {
-        Self {
-            shared_instants: false,
-            gyro_noise: 0.002,
-            gyro_rate_noise: 0.015,
-            accel_noise: 0.05,
-            gyro_bias_sigma: 0.02,
-            gyro_bias_walk: 1e-4,
-            // 10°.
-            found_sigma: 0.1745,
-            found_s: 2.0,
-        }
-    }
 }
 
 /// What the bank makes of it, at the time of the newest IMU sample.
@@ -299,7 +256,7 @@ impl HeadingBank {
             m.r_body_to_ned = middle * half;
         }
         Some(HeadingEstimate {
-            r_body_to_ned: so3::nearest_rotation(&m.r_body_to_ned)?,
+            r_body_to_ned: polar_rotation(&m.r_body_to_ned)?,
             velocity_ne: m.velocity_ne,
             gyro_bias: m.gyro_bias,
             heading_sigma,
@@ -338,7 +295,7 @@ impl HeadingBank {
         };
         let lean = (self.gravity_mps2 / force.norm()).min(1.0).acos();
         let spacing = TAU / HYPOTHESES as f64;
-        let doubt = StartDoubt {
+        let doubt = HypothesisSigma {
             tilt: LEAST_TILT + lean,
             heading: OVERLAP * spacing,
             velocity: sigma_mps,
@@ -377,7 +334,7 @@ impl HeadingBank {
             break;
         }
         for h in &mut self.bank {
-            h.carry(&self.settings);
+            h.propagate_covariance(&self.settings);
         }
     }
 
@@ -390,9 +347,9 @@ impl HeadingBank {
             self.turn_rate += (w.dt / MEAN_S).min(1.0) * (turn_rate - self.turn_rate);
         }
         self.time = w.time;
-        if self.last_fix.is_some_and(|t| self.time.seconds_since(t) > CARRY_S) {
+        if self.last_fix.is_some_and(|t| self.time.seconds_since(t) > COVARIANCE_STEP_S) {
             for h in &mut self.bank {
-                h.carry(&self.settings);
+                h.propagate_covariance(&self.settings);
             }
         }
     }

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix4, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
-use crate::filter::error_state::{Eskf, EskfSettings, EskfState, Lag, StartSigma};
+use crate::filter::error_state::{AirModel, Eskf, EskfSettings, EskfState, Lag, StartSigma};
 use crate::geo::so3;
 use crate::observer::ObserverState;
 use crate::sample::ImuSample;
@@ -149,8 +149,8 @@ impl ErrorStateStage {
         let LocalEnvironment { gravity_ned, earth_rate_ned, .. } = environment;
         let acceleration = self.filter.predict(
             dt,
-            &s.angular_rate_body,
-            &s.specific_force_body,
+            &s.angular_rate.raw(),
+            &s.specific_force.raw(),
             gravity_ned,
             earth_rate_ned,
         );
@@ -172,7 +172,7 @@ impl ErrorStateStage {
         let state = self.filter.state();
         Stepped {
             r_body_to_ned: state.r_body_to_ned,
-            angular_rate_body: s.angular_rate_body - state.gyro_bias,
+            angular_rate_body: s.angular_rate.raw() - state.gyro_bias,
             acceleration_ned: acceleration,
             injected_ned: acceleration,
         }
@@ -284,7 +284,7 @@ impl ErrorStateStage {
     /// `gap_s` without samples: what may have happened in it.
     pub(super) fn doubt(&mut self, gap_s: f64) {
         let velocity = UNKNOWN_ACCELERATION * gap_s;
-        self.filter.doubt(UNKNOWN_RATE * gap_s, 0.5 * velocity * gap_s, velocity);
+        self.filter.inflate(UNKNOWN_RATE * gap_s, 0.5 * velocity * gap_s, velocity);
     }
 
     /// Over a hole of `gap_s` with what was felt before and after, and the doubt that it leaves. `None` when that is not finite.
@@ -295,8 +295,8 @@ impl ErrorStateStage {
         gap_s: f64,
         environment: &LocalEnvironment,
     ) -> Option<Stepped> {
-        let rate = 0.5 * (last.angular_rate_body + s.angular_rate_body);
-        let force = 0.5 * (last.specific_force_body + s.specific_force_body);
+        let rate = 0.5 * (last.angular_rate.raw() + s.angular_rate.raw());
+        let force = 0.5 * (last.specific_force.raw() + s.specific_force.raw());
         let steps = (gap_s / BRIDGE_STEP_S).ceil().max(1.0);
         for _ in 0..steps as usize {
             let LocalEnvironment { gravity_ned, earth_rate_ned, .. } = environment;
@@ -346,10 +346,7 @@ fn filter_settings(settings: &NavigatorSettings) -> (EskfSettings, Matrix4<f64>)
             magnetic_bias_sigma: 0.0,
             magnetic_bias_walk: 0.0,
             flow_scale_walk: 0.0,
-            wind_sigma: 0.0,
-            wind_walk: 0.0,
-            airspeed_scale_sigma: 0.0,
-            drag_sigma: 0.0,
+            air: AirModel::default(),
             ..filter
         };
         for i in 2..4 {

@@ -11,7 +11,7 @@
 use nalgebra::Vector3;
 
 use crate::geo::so3;
-use crate::observer::{BiasMode, EulerState, ObserverState, Xkf, XkfInput, XkfSettings};
+use crate::observer::{BiasMode, EulerState, ObserverState, SpecificForceForm, Xkf, XkfInput, XkfSettings};
 use crate::sample::ImuSample;
 use crate::time::{AutopilotTime, Span};
 
@@ -58,6 +58,7 @@ impl ExogenousStage {
             accel_bias_walk: k.accel_bias_walk,
             flow_bias_time_constant_s,
             gate_sigma: k.gate_sigma,
+            specific_force: SpecificForceForm::WithBias,
         };
         let start = EulerState { position_ned: from.position(&about.position_ned), ..about };
         let sigma = [
@@ -106,8 +107,8 @@ impl ExogenousStage {
         let biases = if input.dead_reckoning { BiasMode::Frozen } else { BiasMode::Estimated };
         let xkf_input = XkfInput {
             dt_s,
-            angular_rate_body: s.angular_rate_body,
-            specific_force_body: s.specific_force_body,
+            angular_rate_body: s.angular_rate.raw(),
+            specific_force_body: s.specific_force.raw(),
             gravity_ned: input.environment.gravity_ned,
             earth_rate_ned: input.environment.earth_rate_ned,
         };
@@ -125,8 +126,8 @@ impl ExogenousStage {
         let r = state.r_body_to_ned();
         Stepped {
             r_body_to_ned: r,
-            angular_rate_body: s.angular_rate_body - state.gyro_bias,
-            acceleration_ned: r * (s.specific_force_body - state.accel_bias) + e.gravity_ned,
+            angular_rate_body: s.angular_rate.raw() - state.gyro_bias,
+            acceleration_ned: r * (s.specific_force.raw() - state.accel_bias) + e.gravity_ned,
             injected_ned,
         }
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::filter::{HeadingBank, HeadingBankSettings, HeadingEstimate};
-use crate::geo::so3;
+use crate::geo::{polar_rotation, so3};
 use crate::sample::ImuSample;
 use crate::time::AutopilotTime;
 
@@ -27,7 +27,7 @@ impl HeadingSearch {
             let settings = HeadingBankSettings { shared_instants, ..HeadingBankSettings::standard() };
             HeadingBank::new(settings, gravity_mps2)
         });
-        bank.imu(s.time, dt, &s.angular_rate_body, &s.specific_force_body);
+        bank.imu(s.time, dt, &s.angular_rate.raw(), &s.specific_force.raw());
         begins
     }
 
@@ -84,5 +84,5 @@ pub(super) fn tilted_as(r: &Matrix3<f64>, other: &Matrix3<f64>) -> Option<Matrix
     let axis = down.cross(&Vector3::z());
     let angle = axis.norm().atan2(down.z);
     let turn = axis.try_normalize(1e-9).map_or(Matrix3::identity(), |axis| so3::exp(&(axis * angle)));
-    so3::nearest_rotation(&(turn * r))
+    polar_rotation(&(turn * r))
 }

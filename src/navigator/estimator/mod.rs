@@ -196,8 +196,8 @@ impl EstimatorStack {
             let r = observed.r_body_to_ned().unwrap_or(*r_body_to_ned);
             Stepped {
                 r_body_to_ned: r,
-                angular_rate_body: s.angular_rate_body - observed.gyro_bias,
-                acceleration_ned: r * s.specific_force_body + input.environment.gravity_ned,
+                angular_rate_body: s.angular_rate.raw() - observed.gyro_bias,
+                acceleration_ned: r * s.specific_force.raw() + input.environment.gravity_ned,
                 injected_ned: report.acceleration_ned,
             }
         });
@@ -281,7 +281,7 @@ impl EstimatorStack {
     /// The position may be off by `sigma_m` more than the error-state filter thinks.
     pub(super) fn doubt_position(&mut self, sigma_m: f64) {
         if let Some(stage) = self.error_state_mut() {
-            stage.filter_mut().doubt(0.0, sigma_m, 0.0);
+            stage.filter_mut().inflate(0.0, sigma_m, 0.0);
         }
     }
 

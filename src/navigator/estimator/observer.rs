@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::geo::so3;
+use crate::geo::polar_rotation;
 use crate::observer::fusini::FlowBiasForm;
 use crate::observer::triad::normalised_triad;
 use crate::observer::{
@@ -221,12 +221,13 @@ impl ObserverStage {
         }
         let up = -input.environment.gravity_ned;
         let r = match input.magnetic_pair(s.time) {
-            Some(pair) => rotation(&s.specific_force_body, &pair.field_body, &up, &pair.field_ned)?,
+            Some(pair) => rotation(&s.specific_force.raw(), &pair.field_body, &up, &pair.field_ned)?,
             None if self.alignment.seconds_since_start(s.time) < WAIT_FOR_MAGNETOMETER_S => return None,
             None => {
                 let forward = Vector3::x()
-                    - s.specific_force_body * s.specific_force_body.x / s.specific_force_body.norm_squared();
-                rotation(&s.specific_force_body, &forward, &up, &Vector3::x())?
+                    - s.specific_force.raw() * s.specific_force.raw().x
+                        / s.specific_force.raw().norm_squared();
+                rotation(&s.specific_force.raw(), &forward, &up, &Vector3::x())?
             }
         };
         self.alignment.attitude_started = Some(s.time);
@@ -381,8 +382,8 @@ impl ObserverStage {
 fn fusini_input(s: &ImuSample, dt_s: f64, environment: &LocalEnvironment) -> FusiniInput {
     FusiniInput {
         dt_s,
-        angular_rate_body: s.angular_rate_body,
-        specific_force_body: s.specific_force_body,
+        angular_rate_body: s.angular_rate.raw(),
+        specific_force_body: s.specific_force.raw(),
         gravity_ned: environment.gravity_ned,
         earth_rate_ned: environment.earth_rate_ned,
         flow_velocity_body: None,
@@ -410,8 +411,8 @@ fn step_grip(
             signal.map_or_else(Default::default, |w| w.errors(&state.position_ned, &state.velocity_ned));
         let grip_input = GripInput {
             dt_s: dt / n,
-            angular_rate_body: s.angular_rate_body,
-            specific_force_body: s.specific_force_body,
+            angular_rate_body: s.angular_rate.raw(),
+            specific_force_body: s.specific_force.raw(),
             gravity_ned: input.environment.gravity_ned,
             earth_rate_ned: input.environment.earth_rate_ned,
             magnetic: Some(*pair),
@@ -446,5 +447,5 @@ fn rotation(
     n2: &Vector3<f64>,
 ) -> Option<Matrix3<f64>> {
     let r = normalised_triad(n1, n2)? * normalised_triad(b1, b2)?.transpose();
-    so3::nearest_rotation(&r)
+    polar_rotation(&r)
 }

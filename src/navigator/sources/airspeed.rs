@@ -83,7 +83,7 @@ impl AirspeedSource {
             return Err(Reason::NoReferenceYet);
         }
         let often = (SAMPLE_INTERVAL_S / interval_s.max(1e-3)).max(1.0).sqrt();
-        let load = core.stream.last().map_or(f64::INFINITY, |i| i.specific_force_body.norm() / GRAVITY);
+        let load = core.stream.last().map_or(f64::INFINITY, |i| i.specific_force.raw().norm() / GRAVITY);
         let nose_first = load < MAX_LOAD_G && air.sideslip_sigma_rad > 0.0;
         Ok(Observation::Airspeed {
             speed_mps,

@@ -121,7 +121,7 @@ impl DragSource {
         let state = core.estimator.filter_state()?;
         let mean = &mut self.mean;
         mean.seconds += dt;
-        mean.force += s.specific_force_body.xy() * dt;
+        mean.force += s.specific_force.raw().xy() * dt;
         mean.air += state.air_velocity_body() * dt;
         if mean.seconds < PERIOD_S {
             return None;

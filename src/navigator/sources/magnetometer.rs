@@ -51,7 +51,7 @@ impl MagnetometerSource {
         if !settings.magnetometer {
             return Err(Reason::SwitchedOff);
         }
-        let norm = s.field_body.norm();
+        let norm = s.field.raw().norm();
         if !norm.is_finite() {
             return Err(Reason::NotFinite);
         }
@@ -73,9 +73,9 @@ impl MagnetometerSource {
         if self.is_stuck(s, context.now(), &context.core.timeline) {
             return Err(Reason::Stuck);
         }
-        self.newest = Some((s.time, s.field_body));
+        self.newest = Some((s.time, s.field.raw()));
         Ok(Observation::Magnetic {
-            field_body: s.field_body,
+            field_body: s.field.raw(),
             field_ned,
             sigma_t: settings.magnetometer_sigma_t,
         })
@@ -83,8 +83,8 @@ impl MagnetometerSource {
 
     /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.
     fn is_stuck(&mut self, s: &MagSample, now: Option<AutopilotTime>, timeline: &Timeline) -> bool {
-        let Some(same) = self.same.filter(|same| same.field == s.field_body) else {
-            self.same = Some(SameField { since: s.time, field: s.field_body, stuck: false });
+        let Some(same) = self.same.filter(|same| same.field == s.field.raw()) else {
+            self.same = Some(SameField { since: s.time, field: s.field.raw(), stuck: false });
             return false;
         };
         let now = now.map_or(s.time, |now| now.min(s.time));

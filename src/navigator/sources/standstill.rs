@@ -41,8 +41,8 @@ impl StandstillSource {
         let core = context.core;
         let environment = core.surroundings.environment();
         let gravity = environment.map_or(9.81, |e| e.gravity_ned.z);
-        let quiet = s.angular_rate_body.norm() < QUIET_RATE
-            && (s.specific_force_body.norm() - gravity).abs() < QUIET_FORCE;
+        let quiet = s.angular_rate.raw().norm() < QUIET_RATE
+            && (s.specific_force.raw().norm() - gravity).abs() < QUIET_FORCE;
         if !core.vehicle.disarmed() || !quiet {
             *self = Self::default();
             return None;
@@ -57,7 +57,7 @@ impl StandstillSource {
         self.told = Some(s.time);
         core.estimator.filter_state()?;
         Some(Observation::Standstill {
-            angular_rate_body: s.angular_rate_body,
+            angular_rate_body: s.angular_rate.raw(),
             earth_rate_ned: environment.map_or(Vector3::zeros(), |e| e.earth_rate_ned),
             sigma_mps: SIGMA_MPS,
             sigma_radps: SIGMA_RADPS,

@@ -3,18 +3,14 @@
 use super::*;
 use crate::geo::so3;
 use crate::sample::{FlowRotation, SampleKind};
-use crate::sim::models::{GnssOutage, OutageKind, RotationContent, Sampling};
+use crate::sim::models::{GnssOutage, OutageKind, RotationContent};
 
 fn short(name: &str, duration_s: f64) -> Scenario {
     Scenario::by_name(name).unwrap().lasting(duration_s)
 }
 
 fn everything() -> SensorSuite {
-    SensorSuite {
-        features: Some(FeatureModel::camera()),
-        airspeed: Some(AirspeedModel::pitot()),
-        ..SensorSuite::mems().near_the_ground()
-    }
+    SensorSuite { airspeed: Some(AirspeedModel::pitot()), ..SensorSuite::mems().near_the_ground() }
 }
 
 #[test]
@@ -134,22 +130,6 @@ fn gnss_is_late_and_goes_when_told() {
         .flat_map(|r| r.samples.iter().filter(|s| s.kind() == SampleKind::Gnss).count().checked_sub(1))
         .count();
     assert_eq!(said, 40);
-}
-
-#[test]
-fn instantaneous_samples_differ_from_means_by_the_motion_within_an_interval() {
-    let suite =
-        |sampling| SensorSuite { imu: ImuModel { sampling, ..ImuModel::ideal() }, ..SensorSuite::ideal() };
-    let flights = [Sampling::Mean, Sampling::Instantaneous].map(|s| {
-        Simulation::new(short("square", 60.0), suite(s), 1).map(|r| r.imu.measured).collect::<Vec<_>>()
-    });
-    let off = |a: &crate::sim::ImuMean, b: &crate::sim::ImuMean| (a.angular_rate - b.angular_rate).norm();
-    let most = flights[0].iter().zip(&flights[1]).map(|(a, b)| off(a, b)).fold(0.0, f64::max);
-    assert!(most > 1e-5 && most < 1e-2, "{most}");
-    // Half an interval later, the one is the other.
-    let mean_of_ends = |k: usize| (flights[1][k - 1].angular_rate + flights[1][k].angular_rate) / 2.0;
-    let rest = (1..6000).map(|k| (flights[0][k].angular_rate - mean_of_ends(k)).norm()).fold(0.0, f64::max);
-    assert!(rest < 0.05 * most, "{rest} {most}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Barometer and airspeed.
 
-use crate::sim::noise::{Dice, GaussMarkov, Stream};
+use crate::sim::noise::{GaussMarkov, SensorRng, Stream};
 use crate::sim::trajectory::Truth;
 use nalgebra::Vector3;
 
@@ -54,7 +54,7 @@ pub struct BarometerReading {
 #[derive(Clone, Debug)]
 pub(in crate::sim) struct Barometer {
     model: BarometerModel,
-    dice: Dice,
+    rng: SensorRng,
     weather_m: f64,
     wander_m: f64,
     origin_m: f64,
@@ -63,15 +63,15 @@ pub(in crate::sim) struct Barometer {
 impl Barometer {
     /// `origin_m` is the origin's height above sea level.
     pub(in crate::sim) fn new(model: BarometerModel, seed: u64, origin_m: f64) -> Self {
-        let mut dice = Dice::new(seed, Stream::Barometer);
-        let weather_m = dice.signed(model.weather_m);
-        Self { model, dice, weather_m, wander_m: 0.0, origin_m }
+        let mut rng = SensorRng::new(seed, Stream::Barometer);
+        let weather_m = rng.signed(model.weather_m);
+        Self { model, rng, weather_m, wander_m: 0.0, origin_m }
     }
 
     pub(in crate::sim) fn sample(&mut self, truth: &Truth) -> BarometerReading {
         let m = self.model;
-        self.wander_m = m.wander_m.next(self.wander_m, m.period_s, self.dice.normal());
-        let altitude_m = -truth.position_ned.z + self.wander_m + m.noise_m * self.dice.normal();
+        self.wander_m = m.wander_m.next(self.wander_m, m.period_s, self.rng.normal());
+        let altitude_m = -truth.position_ned.z + self.wander_m + m.noise_m * self.rng.normal();
         let height = self.origin_m + altitude_m + self.weather_m;
         let pressure_pa = P0_PA * relative_temperature(height).powf(EXPONENT);
         BarometerReading { altitude_m, pressure_pa }
@@ -114,7 +114,7 @@ impl AirspeedModel {
 #[derive(Clone, Debug)]
 pub(in crate::sim) struct Airspeed {
     model: AirspeedModel,
-    dice: Dice,
+    rng: SensorRng,
     scale: f64,
     gust_ned: Vector3<f64>,
     origin_m: f64,
@@ -123,17 +123,17 @@ pub(in crate::sim) struct Airspeed {
 impl Airspeed {
     /// `origin_m` is the origin's height above sea level.
     pub(in crate::sim) fn new(model: AirspeedModel, seed: u64, origin_m: f64) -> Self {
-        let mut dice = Dice::new(seed, Stream::Airspeed);
-        let scale = dice.signed(model.scale);
-        let gust_ned = dice.normals() * model.gusts_mps.sigma;
-        Self { model, dice, scale, gust_ned, origin_m }
+        let mut rng = SensorRng::new(seed, Stream::Airspeed);
+        let scale = rng.signed(model.scale);
+        let gust_ned = rng.normals() * model.gusts_mps.sigma;
+        Self { model, rng, scale, gust_ned, origin_m }
     }
 
     /// Equivalent airspeed, m/s.
     pub(in crate::sim) fn sample(&mut self, wind_ned: &Vector3<f64>, truth: &Truth) -> f64 {
         let m = self.model;
-        self.gust_ned = m.gusts_mps.next3(&self.gust_ned, m.period_s, &self.dice.normals());
-        let noise = m.noise_mps * self.dice.normal();
+        self.gust_ned = m.gusts_mps.next3(&self.gust_ned, m.period_s, &self.rng.normals());
+        let noise = m.noise_mps * self.rng.normal();
         let density = relative_temperature(self.origin_m - truth.position_ned.z).powf(EXPONENT - 1.0);
         let through_air = (truth.velocity_ned - wind_ned - self.gust_ned).norm();
         (1.0 + self.scale) * through_air * density.sqrt() + noise

@@ -1,8 +1,8 @@
 //! A magnetometer.
 
-use crate::sim::noise::{Dice, Stream};
-use crate::sim::sensors::Environment;
+use crate::sim::noise::{SensorRng, Stream};
 use crate::sim::trajectory::Truth;
+use crate::sim::world::Environment;
 use nalgebra::Vector3;
 
 /// Errors of a magnetometer.
@@ -32,20 +32,20 @@ impl MagnetometerModel {
 #[derive(Clone, Debug)]
 pub(in crate::sim) struct Magnetometer {
     model: MagnetometerModel,
-    dice: Dice,
+    rng: SensorRng,
     bias_body: Vector3<f64>,
 }
 
 impl Magnetometer {
     pub(in crate::sim) fn new(model: MagnetometerModel, seed: u64, environment: &Environment) -> Self {
-        let mut dice = Dice::new(seed, Stream::Magnetometer);
+        let mut rng = SensorRng::new(seed, Stream::Magnetometer);
         let axis = model.hard_iron * environment.magnetic_ned.norm() / 3f64.sqrt();
-        let bias_body = dice.signed3(&Vector3::repeat(axis));
-        Self { model, dice, bias_body }
+        let bias_body = rng.signed3(&Vector3::repeat(axis));
+        Self { model, rng, bias_body }
     }
 
     /// The field in body axes, T.
     pub(in crate::sim) fn sample(&mut self, environment: &Environment, truth: &Truth) -> Vector3<f64> {
-        environment.magnetometer(truth) + self.bias_body + self.dice.normals() * self.model.noise_t
+        environment.magnetometer(truth) + self.bias_body + self.rng.normals() * self.model.noise_t
     }
 }

@@ -1,11 +1,10 @@
-//! Optical flow of a camera that looks down from the body's origin: as a velocity (with the patch that a flow sensor would report
-//! for it), and as features of a pinhole camera over flat ground.
+//! Optical flow of a camera that looks down from the body's origin: a velocity, and the patch that a flow sensor would report for it.
 
 use crate::geo::so3;
 use crate::sample::FlowRotation;
-use crate::sim::noise::{Dice, GaussMarkov, Stream};
-use crate::sim::sensors::{Environment, mean};
+use crate::sim::noise::{GaussMarkov, SensorRng, Stream};
 use crate::sim::trajectory::{Trajectory, Truth};
+use crate::sim::world::{Environment, mean};
 use nalgebra::Vector3;
 
 /// How flow treats the vehicle's rotation.
@@ -139,7 +138,7 @@ pub struct FlowReading {
 #[derive(Clone, Debug)]
 pub(in crate::sim) struct Flow {
     model: FlowModel,
-    dice: Dice,
+    rng: SensorRng,
     scale: f64,
     misalignment: Vector3<f64>,
     bias: Vector3<f64>,
@@ -148,12 +147,12 @@ pub(in crate::sim) struct Flow {
 
 impl Flow {
     pub(in crate::sim) fn new(model: FlowModel, seed: u64) -> Self {
-        let mut dice = Dice::new(seed, Stream::Flow);
-        let scale = dice.signed(model.scale);
-        let misalignment = dice.signed3(&model.misalignment_rad);
-        let bias = dice.signed3(&model.bias_mps);
-        let wander = dice.normal() * model.scale_wander.sigma;
-        Self { model, dice, scale, misalignment, bias, wander }
+        let mut rng = SensorRng::new(seed, Stream::Flow);
+        let scale = rng.signed(model.scale);
+        let misalignment = rng.signed3(&model.misalignment_rad);
+        let bias = rng.signed3(&model.bias_mps);
+        let wander = rng.normal() * model.scale_wander.sigma;
+        Self { model, rng, scale, misalignment, bias, wander }
     }
 
     /// What arrives at `now_s`; `None` while the ground is too near, too far, or not in view.
@@ -167,10 +166,10 @@ impl Flow {
         let end = now_s - m.latency_s;
         let (begin, middle) = (end - m.interval_s, end - 0.5 * m.interval_s);
         // Drawn whether or not the ground is seen, so that the limits change no later number.
-        let (noise, rate_noise, gyro_noise) = (self.dice.normals(), self.dice.normals(), self.dice.normals());
+        let (noise, rate_noise, gyro_noise) = (self.rng.normals(), self.rng.normals(), self.rng.normals());
         let (wild, direction) =
-            (self.dice.chance(m.outliers.fraction), self.dice.between(0.0, std::f64::consts::TAU));
-        let wander_noise = self.dice.normal();
+            (self.rng.chance(m.outliers.fraction), self.rng.between(0.0, std::f64::consts::TAU));
+        let wander_noise = self.rng.normal();
         if begin < 0.0 {
             return None;
         }
@@ -215,154 +214,15 @@ fn slant(environment: &Environment, truth: &Truth) -> Option<f64> {
     (cosine > 0.05).then(|| environment.height(truth) / cosine)
 }
 
-/// A pinhole camera that follows points on the ground: image coordinates r = f y/z (to the right, +y) and s = −f x/z (down the image,
-/// backwards), f in pixels, and their rates (Fusini (3)-(5)).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FeatureModel {
-    /// Time between pictures, s; rates are differences over it.
-    pub period_s: f64,
-    /// Focal length, pixels.
-    pub focal_px: f64,
-    /// Half the image's width (r) and height (s), pixels.
-    pub half_px: [f64; 2],
-    /// Features followed.
-    pub count: usize,
-    /// Noise of a coordinate in one picture, pixels.
-    pub noise_px: f64,
-    /// Wrongly matched features: pixels off between two pictures in r and s, up to the size.
-    pub outliers: Outliers,
-}
-
-impl FeatureModel {
-    /// 1280 x 1024 pixels at 1778 pixels of focal length, 10 Hz, 30 features of 0.2 pixels, 5 % of them wrong.
-    pub fn camera() -> Self {
-        Self {
-            period_s: 0.1,
-            focal_px: 1778.0,
-            half_px: [640.0, 512.0],
-            count: 30,
-            noise_px: 0.2,
-            outliers: Outliers { fraction: 0.05, size: 60.0 },
-        }
-    }
-}
-
-/// One point in the image.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Feature {
-    /// Coordinates r and s, pixels.
-    pub at_px: [f64; 2],
-    /// Their rates, pixels/s.
-    pub rate_pxps: [f64; 2],
-    /// Whether it is wrongly matched.
-    pub outlier: bool,
-}
-
-/// What the camera followed.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FeatureReading {
-    /// Focal length, pixels.
-    pub focal_px: f64,
-    /// The features; those that look above the horizon are missing.
-    pub features: Vec<Feature>,
-}
-
-/// A feature camera in flight.
-#[derive(Clone, Debug)]
-pub(in crate::sim) struct Features {
-    model: FeatureModel,
-    dice: Dice,
-}
-
-impl Features {
-    pub(in crate::sim) fn new(model: FeatureModel, seed: u64) -> Self {
-        Self { model, dice: Dice::new(seed, Stream::Features) }
-    }
-
-    pub(in crate::sim) fn sample(&mut self, environment: &Environment, truth: &Truth) -> FeatureReading {
-        let m = self.model;
-        let height = environment.height(truth);
-        let (v, w) = (truth.velocity_body(), truth.body_rate);
-        let mut features = Vec::with_capacity(m.count);
-        for _ in 0..m.count {
-            let at = m.half_px.map(|half| self.dice.between(-half, half));
-            let noise = [0; 4].map(|_| self.dice.normal() * m.noise_px);
-            let wild = self.dice.chance(m.outliers.fraction);
-            let off = [0; 2].map(|_| self.dice.between(-m.outliers.size, m.outliers.size));
-            let Some(mut rate) = feature_rate(at, m.focal_px, height, &truth.r_body_to_ned, &v, &w) else {
-                continue;
-            };
-            for i in 0..2 {
-                // The rate is the difference of two noisy pictures, the place the later of them.
-                rate[i] += (noise[i] - noise[2 + i]) / m.period_s;
-                if wild {
-                    rate[i] += off[i] / m.period_s;
-                }
-            }
-            features.push(Feature {
-                at_px: [at[0] + noise[0], at[1] + noise[1]],
-                rate_pxps: rate,
-                outlier: wild,
-            });
-        }
-        FeatureReading { focal_px: m.focal_px, features }
-    }
-}
-
-/// The rate of the image of a ground point: with c the point in camera (body) axes, ċ = −v − ω × c. `None` above the horizon.
-fn feature_rate(
-    [r, s]: [f64; 2],
-    focal_px: f64,
-    height_m: f64,
-    r_body_to_ned: &nalgebra::Matrix3<f64>,
-    v_body: &Vector3<f64>,
-    rate_body: &Vector3<f64>,
-) -> Option<[f64; 2]> {
-    let ray = Vector3::new(-s / focal_px, r / focal_px, 1.0);
-    let descent = (r_body_to_ned * ray).z;
-    if descent < 0.05 || height_m <= 0.0 {
-        return None;
-    }
-    let c = ray * (height_m / descent);
-    let dc = -v_body - rate_body.cross(&c);
-    let per = |along: f64, d_along: f64| focal_px * (d_along * c.z - along * dc.z) / (c.z * c.z);
-    Some([per(c.y, dc.y), -per(c.x, dc.x)])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::trajectory::FixedWing;
-
-    #[test]
-    fn features_move_as_their_ground_points_do() {
-        let env = Environment::trondheim();
-        let tr = FixedWing::figure_eight(800.0, 400.0, 80.0, 150.0, 30.0, 50.0);
-        let (f, h) = (1778.0, 1e-5);
-        for k in 0..60 {
-            let (a, b, c) = (tr.at(f64::from(k) - h), tr.at(f64::from(k)), tr.at(f64::from(k) + h));
-            for at in [[0.0, 0.0], [300.0, -200.0], [-600.0, 500.0]] {
-                let (v, w) = (b.velocity_body(), b.body_rate);
-                let rate = feature_rate(at, f, env.height(&b), &b.r_body_to_ned, &v, &w).unwrap();
-                let ray = b.r_body_to_ned * Vector3::new(-at[1] / f, at[0] / f, 1.0);
-                let ground = b.position_ned + ray * (env.height(&b) / ray.z);
-                let seen = |t: &Truth| {
-                    let p = t.r_body_to_ned.tr_mul(&(ground - t.position_ned));
-                    [f * p.y / p.z, -f * p.x / p.z]
-                };
-                let (before, after) = (seen(&a), seen(&c));
-                for i in 0..2 {
-                    let slope = (after[i] - before[i]) / (2.0 * h);
-                    assert!((slope - rate[i]).abs() < 1e-3, "{k} {at:?}: {slope} {}", rate[i]);
-                }
-            }
-        }
-    }
+    use crate::sim::Scenario;
 
     #[test]
     fn errors_are_as_large_as_stated() {
         let env = Environment::trondheim();
-        let tr = FixedWing::straight(27.0, 130.0, 0.0, 40.0);
+        let tr = Scenario::northwards(27.0, 0.0);
         for seed in 0..8 {
             let mut flow = Flow::new(FlowModel::camera(), seed);
             let n = 20_000;

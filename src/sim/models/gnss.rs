@@ -1,6 +1,6 @@
 //! A satellite navigation receiver.
 
-use crate::sim::noise::{Dice, GaussMarkov, Stream};
+use crate::sim::noise::{GaussMarkov, SensorRng, Stream};
 use crate::sim::trajectory::Trajectory;
 use nalgebra::Vector3;
 
@@ -96,22 +96,22 @@ pub struct GnssReading {
 #[derive(Clone, Debug)]
 pub(in crate::sim) struct Gnss {
     model: GnssModel,
-    dice: Dice,
+    rng: SensorRng,
     wander: Vector3<f64>,
 }
 
 impl Gnss {
     pub(in crate::sim) fn new(model: GnssModel, seed: u64) -> Self {
-        let mut dice = Dice::new(seed, Stream::Gnss);
-        let wander = dice.normals() * model.wander_m.sigma;
-        Self { model, dice, wander }
+        let mut rng = SensorRng::new(seed, Stream::Gnss);
+        let wander = rng.normals() * model.wander_m.sigma;
+        Self { model, rng, wander }
     }
 
     /// The fix that arrives at `now_s`; `None` before the first can.
     pub(in crate::sim) fn sample(&mut self, trajectory: &dyn Trajectory, now_s: f64) -> Option<GnssReading> {
         let m = self.model;
-        self.wander = m.wander_m.next3(&self.wander, m.period_s, &self.dice.normals());
-        let (position_noise, velocity_noise) = (self.dice.normals(), self.dice.normals());
+        self.wander = m.wander_m.next3(&self.wander, m.period_s, &self.rng.normals());
+        let (position_noise, velocity_noise) = (self.rng.normals(), self.rng.normals());
         let measured_s = now_s - m.latency_s;
         // A nanosecond before the beginning is rounding.
         if measured_s < -1e-9 {

@@ -1,26 +1,15 @@
 //! Gyros and accelerometers.
 
-use crate::sim::noise::{Dice, GaussMarkov, Stream};
-use crate::sim::sensors::{Environment, ImuMean};
+use crate::sim::noise::{GaussMarkov, SensorRng, Stream};
 use crate::sim::trajectory::{Trajectory, Truth};
+use crate::sim::world::{Environment, ImuMean};
 use nalgebra::Vector3;
-
-/// What an IMU sample is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sampling {
-    /// The mean over the interval that ends with it (delta angles and velocities, divided by it).
-    Mean,
-    /// The value at its stamp, as in streams that are thinned.
-    Instantaneous,
-}
 
 /// Errors of an IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuModel {
     /// Time between samples, s.
     pub period_s: f64,
-    /// Mean or instantaneous values.
-    pub sampling: Sampling,
     /// Gyro noise density, rad/s/√Hz.
     pub gyro_density: f64,
     /// Accelerometer noise density, m/s²/√Hz.
@@ -42,7 +31,6 @@ impl ImuModel {
     pub fn ideal() -> Self {
         Self {
             period_s: 0.01,
-            sampling: Sampling::Mean,
             gyro_density: 0.0,
             accel_density: 0.0,
             gyro_bias: Vector3::zeros(),
@@ -103,7 +91,7 @@ pub struct ImuReading {
 #[derive(Clone, Debug)]
 pub(in crate::sim) struct Imu {
     model: ImuModel,
-    dice: Dice,
+    rng: SensorRng,
     constant: [Vector3<f64>; 2],
     wander: [Vector3<f64>; 2],
     scale: Vector3<f64>,
@@ -111,11 +99,11 @@ pub(in crate::sim) struct Imu {
 
 impl Imu {
     pub(in crate::sim) fn new(model: ImuModel, seed: u64) -> Self {
-        let mut dice = Dice::new(seed, Stream::Imu);
-        let constant = [dice.signed3(&model.gyro_bias), dice.signed3(&model.accel_bias)];
-        let scale = dice.signed3(&Vector3::repeat(model.gyro_scale));
+        let mut rng = SensorRng::new(seed, Stream::Imu);
+        let constant = [rng.signed3(&model.gyro_bias), rng.signed3(&model.accel_bias)];
+        let scale = rng.signed3(&Vector3::repeat(model.gyro_scale));
         // The wander begins at zero: where it is when the flight begins is part of the constant.
-        Self { model, dice, constant, wander: [Vector3::zeros(); 2], scale }
+        Self { model, rng, constant, wander: [Vector3::zeros(); 2], scale }
     }
 
     /// The sample of the interval that ends now; `truth` is the state now.
@@ -128,17 +116,14 @@ impl Imu {
     ) -> ImuReading {
         let m = self.model;
         let dt = truth.t_s - from_s;
-        let ideal = match m.sampling {
-            Sampling::Mean => environment.imu(trajectory, from_s, truth.t_s),
-            Sampling::Instantaneous => environment.imu_at(truth),
-        };
+        let ideal = environment.imu(trajectory, from_s, truth.t_s);
         for (wander, process) in self.wander.iter_mut().zip([m.gyro_wander, m.accel_wander]) {
-            *wander = process.next3(wander, dt, &self.dice.normals());
+            *wander = process.next3(wander, dt, &self.rng.normals());
         }
         let [gyro_bias, accel_bias] = [0, 1].map(|i: usize| self.constant[i] + self.wander[i]);
         let root = dt.sqrt();
-        let gyro_noise = self.dice.normals() * (m.gyro_density / root);
-        let accel_noise = self.dice.normals() * (m.accel_density / root);
+        let gyro_noise = self.rng.normals() * (m.gyro_density / root);
+        let accel_noise = self.rng.normals() * (m.accel_density / root);
         let scaled = ideal.angular_rate + self.scale.component_mul(&ideal.angular_rate);
         let measured = ImuMean {
             angular_rate: scaled + gyro_bias + gyro_noise,

@@ -14,14 +14,14 @@ mod range;
 
 pub use air::{AirspeedModel, BarometerModel, BarometerReading};
 pub use field::MagnetometerModel;
-pub use flow::{Feature, FeatureModel, FeatureReading, FlowModel, FlowReading, Outliers, RotationContent};
+pub use flow::{FlowModel, FlowReading, Outliers, RotationContent};
 pub use gnss::{GnssModel, GnssOutage, GnssReading, OutageKind};
-pub use imu::{ImuModel, ImuReading, Sampling};
+pub use imu::{ImuModel, ImuReading};
 pub use range::RangeModel;
 
 pub(super) use air::{Airspeed, Barometer};
 pub(super) use field::Magnetometer;
-pub(super) use flow::{Features, Flow};
+pub(super) use flow::Flow;
 pub(super) use gnss::Gnss;
 pub(super) use imu::Imu;
 pub(super) use range::Range;

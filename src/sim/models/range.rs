@@ -1,8 +1,8 @@
 //! A rangefinder that looks along body +z.
 
-use crate::sim::noise::{Dice, Stream};
-use crate::sim::sensors::Environment;
+use crate::sim::noise::{SensorRng, Stream};
 use crate::sim::trajectory::Truth;
+use crate::sim::world::Environment;
 
 /// Errors of a rangefinder.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,18 +31,18 @@ const BEYOND_M: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub(in crate::sim) struct Range {
     model: RangeModel,
-    dice: Dice,
+    rng: SensorRng,
 }
 
 impl Range {
     pub(in crate::sim) fn new(model: RangeModel, seed: u64) -> Self {
-        Self { model, dice: Dice::new(seed, Stream::Range) }
+        Self { model, rng: SensorRng::new(seed, Stream::Range) }
     }
 
     /// Distance along the beam, m; beyond the greatest when out of range or looking up.
     pub(in crate::sim) fn sample(&mut self, environment: &Environment, truth: &Truth) -> f64 {
         let m = self.model;
-        let n = self.dice.normal();
+        let n = self.rng.normal();
         let cosine = truth.r_body_to_ned[(2, 2)];
         let slant = if cosine > 0.0 { environment.height(truth) / cosine } else { f64::INFINITY };
         let measured = slant + n * m.noise_m.hypot(m.noise_fraction * slant);

@@ -3,6 +3,7 @@
 use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::Vector3;
 
+use crate::geo::Body;
 use crate::sample::{
     AirspeedSample, FlowRotation, FlowSample, Input, LandmarkSample, RangeDirection, RangeSample, Sample,
     Sighting,
@@ -161,7 +162,7 @@ impl Decoder {
             if position.amax() > 1e4 {
                 return Err(Cause::Absurd);
             }
-            Sighting::Body(position)
+            Sighting::Body(Body::new(position))
         } else {
             let half_turn = std::f64::consts::FRAC_PI_2;
             let angle_xy =

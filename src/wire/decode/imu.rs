@@ -3,13 +3,12 @@
 use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::Vector3;
 
+use crate::geo::{Body, STANDARD_GRAVITY_MPS2};
 use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
 use crate::time::AutopilotTime;
 
 use super::{Cause, Decoder, Out, finite, within};
 
-/// Standard gravity: what "milli-g" in SCALED_IMU means, m/s².
-const STANDARD_GRAVITY: f64 = 9.806_65;
 const TESLA_PER_GAUSS: f64 = 1e-4;
 /// Beyond any sensor a small vehicle carries (±16 g to ±32 g; ±2000 °/s to ±4000 °/s).
 const MAX_SPECIFIC_FORCE: f64 = 400.0;
@@ -79,7 +78,7 @@ impl Decoder {
     ) -> Result<(), Cause> {
         let v =
             |i: usize| Vector3::new(f64::from(raw[i]), f64::from(raw[i + 1]), f64::from(raw[i + 2])) * 1e-3;
-        let used = self.inertial(rank, time, v(3), v(0) * STANDARD_GRAVITY, out)?;
+        let used = self.inertial(rank, time, v(3), v(0) * STANDARD_GRAVITY_MPS2, out)?;
         if used && raw[6..] != [0, 0, 0] {
             magnetic(time, 0, v(6) * TESLA_PER_GAUSS, out)?;
         }
@@ -104,7 +103,9 @@ impl Decoder {
         }
         let used = self.imu.take(rank, time);
         if used {
-            out.push(Input::Sample(Sample::Imu(ImuSample { time, angular_rate_body, specific_force_body })));
+            let (angular_rate, specific_force) =
+                (Body::new(angular_rate_body), Body::new(specific_force_body));
+            out.push(Input::Sample(Sample::Imu(ImuSample { time, angular_rate, specific_force })));
         }
         Ok(used)
     }
@@ -131,6 +132,6 @@ fn magnetic(time: AutopilotTime, sensor: u8, field_body: Vector3<f64>, out: Out<
         // Before its first measurement a magnetometer is reported as zero: no news, not a fault.
         return if field_body == Vector3::zeros() { Ok(()) } else { Err(Cause::Absurd) };
     }
-    out.push(Input::Sample(Sample::Mag(MagSample { time, sensor, field_body })));
+    out.push(Input::Sample(Sample::Mag(MagSample { time, sensor, field: Body::new(field_body) })));
     Ok(())
 }

@@ -3,7 +3,7 @@
 use mavlink::dialects::ardupilotmega as apm;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::geo::Geodetic;
+use crate::geo::{BodyToNed, Geodetic, Ned};
 use crate::sample::{Input, Reference, TruthState};
 
 use super::{Cause, Decoder, Out, finite};
@@ -33,8 +33,8 @@ impl Decoder {
     pub(super) fn simstate(&mut self, m: &apm::SIMSTATE_DATA, out: Out<'_>) -> Result<(), Cause> {
         let time = self.now()?;
         let angles = finite(m.roll, m.pitch, m.yaw)?;
-        let q = UnitQuaternion::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
-        let state = TruthState { time, body_to_ned: Some(q), position: None, velocity_ned: None };
+        let attitude = UnitQuaternion::from_euler_angles(angles.x, angles.y, angles.z).into();
+        let state = TruthState { time, attitude: Some(attitude), position: None, velocity: None };
         out.push(Input::Reference(Reference::Truth(state)));
         Ok(())
     }
@@ -54,8 +54,8 @@ impl Decoder {
         let time = self.clock.boot_ms(m.time_boot_ms)?;
         let angles = finite(m.roll, m.pitch, m.yaw)?;
         if self.attitude.take(1, time) {
-            let body_to_ned = UnitQuaternion::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
-            out.push(Input::Reference(Reference::Attitude { time, body_to_ned }));
+            let attitude = UnitQuaternion::from_euler_angles(angles.x, angles.y, angles.z).into();
+            out.push(Input::Reference(Reference::Attitude { time, attitude }));
         }
         Ok(())
     }
@@ -66,9 +66,9 @@ impl Decoder {
         out: Out<'_>,
     ) -> Result<(), Cause> {
         let time = self.clock.boot_ms(m.time_boot_ms)?;
-        let body_to_ned = unit([m.q1, m.q2, m.q3, m.q4])?;
+        let attitude = attitude([m.q1, m.q2, m.q3, m.q4])?;
         self.attitude.take(0, time);
-        out.push(Input::Reference(Reference::Attitude { time, body_to_ned }));
+        out.push(Input::Reference(Reference::Attitude { time, attitude }));
         Ok(())
     }
 
@@ -83,7 +83,8 @@ impl Decoder {
         if position_ned.amax() > MAX_LOCAL_M || velocity_ned.amax() > MAX_LOCAL_MPS {
             return Err(Cause::Absurd);
         }
-        out.push(Input::Reference(Reference::Local { time, position_ned, velocity_ned }));
+        let (position, velocity) = (Ned::new(position_ned), Ned::new(velocity_ned));
+        out.push(Input::Reference(Reference::Local { time, position, velocity }));
         Ok(())
     }
 
@@ -102,7 +103,8 @@ impl Decoder {
             return Err(Cause::Absurd);
         }
         let velocity_ned = Vector3::new(f64::from(m.vx), f64::from(m.vy), f64::from(m.vz)) * 0.01;
-        out.push(Input::Reference(Reference::Global { time, position, velocity_ned }));
+        let velocity = Ned::new(velocity_ned);
+        out.push(Input::Reference(Reference::Global { time, position, velocity }));
         Ok(())
     }
 }
@@ -118,16 +120,20 @@ fn truth(
     if !position.is_plausible() {
         return Err(if height_m.is_finite() { Cause::Absurd } else { Cause::NotFinite });
     }
-    let state = TruthState { time, body_to_ned: Some(unit(q)?), position: Some(position), velocity_ned };
+    let velocity = velocity_ned.map(Ned::new);
+    let state = TruthState { time, attitude: Some(attitude(q)?), position: Some(position), velocity };
     out.push(Input::Reference(Reference::Truth(state)));
     Ok(())
 }
 
-fn unit(q: [f32; 4]) -> Result<Quaternion<f64>, Cause> {
+fn attitude(q: [f32; 4]) -> Result<BodyToNed, Cause> {
     let q = Quaternion::new(f64::from(q[0]), f64::from(q[1]), f64::from(q[2]), f64::from(q[3]));
     if !q.coords.iter().all(|c| c.is_finite()) {
         return Err(Cause::NotFinite);
     }
     let norm = q.norm();
-    if (norm - 1.0).abs() > 0.05 { Err(Cause::Absurd) } else { Ok(q / norm) }
+    if (norm - 1.0).abs() > 0.05 {
+        return Err(Cause::Absurd);
+    }
+    Ok(UnitQuaternion::new_unchecked(q / norm).into())
 }

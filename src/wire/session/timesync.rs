@@ -297,7 +297,7 @@ fn timesync(tc1: i64, ts1: i64, to: Address) -> TIMESYNC_DATA {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use rand::{Rng, SeedableRng};
+    use rand::{RngExt, SeedableRng};
 
     use super::*;
     use crate::wire::frame::{ComponentId, SystemId};

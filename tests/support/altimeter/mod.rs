@@ -5,9 +5,9 @@ pub mod detection;
 pub mod oracle;
 pub mod score;
 
-use holdover::altimeter::tolerant::HeightVerdict;
+use holdover::altimeter::HeightVerdict;
 use holdover::altimeter::{
-    Altimeter, AltimeterSettings, Channel, ErrorModel, Method, PublishedAltimeter, Scheme,
+    Altimeter, AltimeterMethod, AltimeterScheme, AltimeterSettings, Channel, ErrorModel, PublishedAltimeter,
 };
 use holdover::sim::altimeter::{AltimeterRun, AltimeterStep, FaultCase, FaultSize, STEP_S};
 
@@ -16,12 +16,13 @@ use oracle::{OnBias, Oracle};
 use score::Score;
 
 /// The order of the schemes in every list.
-pub const SCHEMES: [(Scheme, &str); 3] = [(Scheme::Ibi, "ibi"), (Scheme::Iig, "iig"), (Scheme::Ibig, "ibig")];
+pub const SCHEMES: [(AltimeterScheme, &str); 3] =
+    [(AltimeterScheme::Ibi, "ibi"), (AltimeterScheme::Iig, "iig"), (AltimeterScheme::Ibig, "ibig")];
 
 /// Who competes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    Published(Method),
+    Published(AltimeterMethod),
     /// The project's own.
     Default,
     Oracle(OnBias),
@@ -30,20 +31,20 @@ pub enum Filter {
 impl Filter {
     /// The rows of the table.
     pub const ALL: [Self; 6] = [
-        Self::Published(Method::Okf),
-        Self::Published(Method::Rkf),
-        Self::Published(Method::RkfJoseph),
-        Self::Published(Method::Selector),
+        Self::Published(AltimeterMethod::Okf),
+        Self::Published(AltimeterMethod::Rkf),
+        Self::Published(AltimeterMethod::RkfJoseph),
+        Self::Published(AltimeterMethod::Selector),
         Self::Default,
         Self::Oracle(OnBias::Estimate),
     ];
 
     pub fn label(&self) -> &'static str {
         match self {
-            Self::Published(Method::Okf) => "okf",
-            Self::Published(Method::Rkf) => "rkf",
-            Self::Published(Method::RkfJoseph) => "rkf_joseph",
-            Self::Published(Method::Selector) => "selector",
+            Self::Published(AltimeterMethod::Okf) => "okf",
+            Self::Published(AltimeterMethod::Rkf) => "rkf",
+            Self::Published(AltimeterMethod::RkfJoseph) => "rkf_joseph",
+            Self::Published(AltimeterMethod::Selector) => "selector",
             Self::Default => "default",
             Self::Oracle(_) => "oracle",
         }
@@ -53,7 +54,7 @@ impl Filter {
         match *self {
             Self::Published(method) => Box::new(Published {
                 altimeter: PublishedAltimeter::new(model, method),
-                selects: method == Method::Selector,
+                selects: method == AltimeterMethod::Selector,
             }),
             Self::Default => Box::new(Joint::new(|| Altimeter::new(AltimeterSettings::table_1()))),
             Self::Oracle(on_bias) => Box::new(Joint::new(|| Oracle::new(model, on_bias))),

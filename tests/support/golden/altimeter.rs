@@ -1,8 +1,8 @@
 //! The published altimeters over a recorded Monte Carlo run, and their parameters.
 
 use holdover::altimeter::{
-    ErrorModel, Estimate, Method, PublishedAltimeter, PublishedFilter, Scheme, fuse, normal_operation,
-    stationary_sigma,
+    AltimeterMethod, AltimeterScheme, ErrorModel, Estimate, PublishedAltimeter, PublishedFilter, fuse,
+    normal_operation, stationary_sigma,
 };
 use nalgebra::Matrix5;
 use serde_json::Value;
@@ -126,7 +126,7 @@ impl<'a, const N: usize> Channel<'a, N> {
         o: &mut Outcome,
         k: usize,
         got: &PublishedFilter<N>,
-        step: Option<holdover::altimeter::Innovation>,
+        step: Option<holdover::altimeter::WeightedInnovation>,
     ) -> Result<()> {
         let step = step.ok_or_else(|| format!("step {k}: a measurement was not used"))?;
         o.compare("x", k, got.state().as_slice(), &self.x[k]);
@@ -151,13 +151,14 @@ impl<'a, const N: usize> Channel<'a, N> {
 pub fn run(file: &Value) -> Result<Outcome> {
     let model = model(file)?;
     let step_s = model.longest_step_s;
-    let mut method = choice(file, "mode", &[("okf", 0.0, Method::Okf), ("rkf", 1.0, Method::Rkf)])?;
+    let mut method =
+        choice(file, "mode", &[("okf", 0.0, AltimeterMethod::Okf), ("rkf", 1.0, AltimeterMethod::Rkf)])?;
     if file.get("variant").is_some() {
         choice(file, "variant", &[("joseph", 0.0, ())])?;
-        if method == Method::Okf {
+        if method == AltimeterMethod::Okf {
             return Err("\"variant\" is for the robust filter".into());
         }
-        method = Method::RkfJoseph;
+        method = AltimeterMethod::RkfJoseph;
     }
     let (z_ibi, z_iig) = (numbers(file, "z_ibi")?, numbers(file, "z_iig")?);
     let steps = number_or(file, "N", z_ibi.len() as f64)? as usize;
@@ -175,7 +176,7 @@ pub fn run(file: &Value) -> Result<Outcome> {
         let (got_ibi, got_iig) = altimeter.channels();
         ibi.compare(&mut o, k, got_ibi, report.ibi)?;
         iig.compare(&mut o, k, got_iig, report.iig)?;
-        let e = altimeter.estimate(Scheme::Ibig);
+        let e = altimeter.estimate(AltimeterScheme::Ibig);
         o.compare("fused x", k, &[e.delta_h_m], &[x[k]]);
         o.compare("fused var", k, &[e.variance_m2], &[var[k]]);
     }

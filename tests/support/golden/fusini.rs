@@ -33,35 +33,37 @@ fn params(p: &Value) -> Result<FusiniParams> {
     })
 }
 
-pub fn run(file: &Value) -> Result<Outcome> {
-    let (p, inputs, init, expected) =
-        (at(file, "params")?, at(file, "inputs")?, at(file, "init")?, at(file, "expected")?);
-    let params = params(p)?;
-    let scheme = choice(p, "scheme", &[("ZOH", 0.0, Scheme::Hold), ("ISP", 1.0, Scheme::InterSample)])?;
-    let finds_flow_bias = number(p, "bvmode")? != 0.0;
-    let (k_dr, t_bv) = (number(p, "k_dr")?, number_or(p, "t_bv", 0.0)?);
-    let flight = Flight::read(inputs)?;
-    let (want_r, want) = (rows::<9>(expected, "R")?, rows::<18>(expected, "p_v_xi_bw_bf_bv")?);
-    let n = flight.t.len();
-    if want_r.len() != n || want.len() != n {
-        return Err("inputs and expected values differ in length".into());
-    }
-    let mut state = ObserverState {
+/// Where an observer starts.
+pub fn start(init: &Value) -> Result<(ObserverState, FusiniBiases)> {
+    let state = ObserverState {
         r_hat: matrix(init, "R")?,
         gyro_bias: vector(init, "bw")?,
         position_ned: vector(init, "p")?,
         velocity_ned: vector(init, "v")?,
         xi_ned: vector(init, "xi")?,
     };
-    let mut biases = FusiniBiases {
+    let biases = FusiniBiases {
         accelerometer: vector(init, "bf")?,
         flow_velocity: vector(init, "bv")?,
         flow_velocity_printed_ned: None,
     };
+    Ok((state, biases))
+}
+
+/// The observer with the parameters `p` of a file over a flight: its state at every sample.
+pub fn fly(
+    p: &Value,
+    flight: &Flight,
+    (mut state, mut biases): (ObserverState, FusiniBiases),
+) -> Result<Vec<(ObserverState, FusiniBiases)>> {
+    let params = params(p)?;
+    let scheme = choice(p, "scheme", &[("ZOH", 0.0, Scheme::Hold), ("ISP", 1.0, Scheme::InterSample)])?;
+    let finds_flow_bias = number(p, "bvmode")? != 0.0;
+    let (k_dr, t_bv) = (number(p, "k_dr")?, number_or(p, "t_bv", 0.0)?);
     let mut w = predictor(scheme, flight.earth_rate_ned);
     let (mut flow, mut altitude) = (None, None);
-    let mut outcome = Outcome::new("fusini", file);
-    for k in 0..n {
+    let mut flown = Vec::with_capacity(flight.t.len());
+    for k in 0..flight.t.len() {
         let gnss = (k as f64) < k_dr;
         let calibrates = finds_flow_bias && flight.t[k] >= t_bv;
         if calibrates && params.flow_bias == FlowBiasForm::AsPrinted {
@@ -102,6 +104,21 @@ pub fn run(file: &Value) -> Result<Outcome> {
                 update_flow_bias(&params, &state, &mut biases, &v_m, &now.velocity_ned, dt);
             }
         }
+        flown.push((state, biases));
+    }
+    Ok(flown)
+}
+
+pub fn run(file: &Value) -> Result<Outcome> {
+    let (p, inputs, expected) = (at(file, "params")?, at(file, "inputs")?, at(file, "expected")?);
+    let flight = Flight::read(inputs)?;
+    let (want_r, want) = (rows::<9>(expected, "R")?, rows::<18>(expected, "p_v_xi_bw_bf_bv")?);
+    let n = flight.t.len();
+    if want_r.len() != n || want.len() != n {
+        return Err("inputs and expected values differ in length".into());
+    }
+    let mut outcome = Outcome::new("fusini", file);
+    for (k, (state, biases)) in fly(p, &flight, start(at(file, "init")?)?)?.iter().enumerate() {
         outcome.compare("R", k, &row_major(&state.r_hat), &want_r[k]);
         let got = [
             state.position_ned,

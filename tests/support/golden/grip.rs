@@ -2,33 +2,23 @@
 
 use holdover::observer::attitude::MagneticPair;
 use holdover::observer::bias::BiasBounds;
-use holdover::observer::gains::JumpGains;
-use holdover::observer::triad::TriadForm;
-use holdover::observer::{FixSample, GripInput, GripParams, ObserverState, Scheme, TranslationGains, grip};
+use holdover::observer::{FixSample, GripInput, GripParams, ObserverState, Scheme, grip};
 use nalgebra::Vector3;
 use serde_json::Value;
 
 use super::flight::{Flight, discretisation, gains, predictor, take_fix};
 use super::outcome::Outcome;
-use super::values::{Result, array, at, choice, matrix, number, number_or, row_major, rows, vector, vectors};
+use super::values::{Result, at, choice, matrix, number, number_or, row_major, rows, vector, vectors};
 
-/// How fixes reach the observer.
-#[derive(Clone, Copy, PartialEq)]
-enum Injection {
-    Signal(Scheme),
-    Jump,
-}
-
-fn params(p: &Value, injection: Injection) -> Result<GripParams> {
-    let raw = TriadForm::Raw { force_scale: number_or(p, "acc_scale_in_J", 1.0)? };
+fn params(p: &Value) -> Result<GripParams> {
+    choice(p, "triad", &[("NORM", 1.0, ())])?;
     Ok(GripParams {
         k_p: vector(p, "KP")?,
         sigma: number_or(p, "sigma", 1.0)?,
         k_i: number(p, "kI")?,
         bias_bounds: BiasBounds { bound_radps: number(p, "Mb")?, limit_radps: number(p, "Mbh")? },
-        gains: if injection == Injection::Jump { TranslationGains::none() } else { gains(p)? },
+        gains: gains(p)?,
         discretisation: discretisation(p)?,
-        triad: choice(p, "triad", &[("RAW", 0.0, raw), ("NORM", 1.0, TriadForm::Normalised)])?,
         min_magnetic_sine: 0.0,
         gate: None,
     })
@@ -37,16 +27,8 @@ fn params(p: &Value, injection: Injection) -> Result<GripParams> {
 pub fn run(file: &Value) -> Result<Outcome> {
     let (p, inputs, init, expected) =
         (at(file, "params")?, at(file, "inputs")?, at(file, "init")?, at(file, "expected")?);
-    let injection = choice(
-        p,
-        "scheme",
-        &[
-            ("ZOH", 0.0, Injection::Signal(Scheme::Hold)),
-            ("ISP", 1.0, Injection::Signal(Scheme::InterSample)),
-            ("JUMP", 2.0, Injection::Jump),
-        ],
-    )?;
-    let params = params(p, injection)?;
+    let scheme = choice(p, "scheme", &[("ZOH", 0.0, Scheme::Hold), ("ISP", 1.0, Scheme::InterSample)])?;
+    let params = params(p)?;
     let use_velocity = choice(p, "use_vel", &[("false", 0.0, false), ("true", 1.0, true)])?;
     let flight = Flight::read(inputs)?;
     let (mag, field_ned) = (vectors(inputs, "mag")?, vector(inputs, "mag_ned")?);
@@ -63,14 +45,6 @@ pub fn run(file: &Value) -> Result<Outcome> {
         position_ned: vector(init, "p")?,
         velocity_ned: vector(init, "v")?,
         xi_ned: vector(init, "xi")?,
-    };
-    let scheme = match injection {
-        Injection::Signal(scheme) => scheme,
-        Injection::Jump => Scheme::Hold,
-    };
-    let jump = match injection {
-        Injection::Jump => Some(JumpGains::from_rows(array(p, "L_jump")?)),
-        Injection::Signal(_) => None,
     };
     let mut w = predictor(scheme, Vector3::zeros());
     let mut outcome = Outcome::new("grip", file);
@@ -96,15 +70,9 @@ pub fn run(file: &Value) -> Result<Outcome> {
             }
         }
         if let Some((zp, zv)) = flight.fix(k) {
-            let e_v = if use_velocity { zv - state.velocity_ned } else { Vector3::zeros() };
-            if let Some(jump) = &jump {
-                let e_p = zp - state.position_ned;
-                jump.apply(&mut state, &e_p, &e_v);
-            } else {
-                let fix = FixSample::position(flight.stamp(k), &zp);
-                let fix = if use_velocity { fix.with_velocity(&zv) } else { fix };
-                take_fix(&mut w, &fix, (zp, zv))?;
-            }
+            let fix = FixSample::position(flight.stamp(k), &zp);
+            let fix = if use_velocity { fix.with_velocity(&zv) } else { fix };
+            take_fix(&mut w, &fix, (zp, zv))?;
         }
         outcome.compare("R", k, &row_major(&state.r_hat), &want_r[k]);
         let got = [state.gyro_bias, state.position_ned, state.velocity_ned, state.xi_ned];

@@ -1,10 +1,10 @@
 //! The filters of the landmarks: the paper's example, its primitives, and the drone's filter.
 
+use holdover::geo::kabsch_rotation;
+use holdover::landmark::Discount;
 use holdover::landmark::dead_reckoning::DeadReckoning;
 use holdover::landmark::hinf::{impulse, projection};
 use holdover::landmark::information::{Information, SeenInD, Weighing};
-use holdover::landmark::pose::rotation_nearest;
-use holdover::landmark::riccati::Discount;
 use holdover::landmark::{
     BodyMotion, CameraModel, HinfFilter, HinfSettings, ImplicitSystem, VisionInertial, VisionSample,
 };
@@ -140,7 +140,7 @@ pub fn primitives(file: &Value) -> Result<Outcome> {
         update(case, k, &system, &mut outcome)?;
     }
     for (k, case) in list(file, "projSO3")?.iter().enumerate() {
-        let r = rotation_nearest(&matrix(case, "M")?).ok_or("no rotation is nearest")?;
+        let r = kabsch_rotation(&matrix(case, "M")?).ok_or("no rotation is nearest")?;
         outcome.compare("R", k, &row_major(&r), &row_major(&matrix(case, "R")?));
     }
     Ok(outcome)

@@ -10,6 +10,7 @@ use crate::camera::features::rotational_flow;
 use crate::camera::{
     Feature, FlowRefusal, KnownComponent, Method, SolveLimits, SolveNoise, View, solve_velocity,
 };
+use crate::geo::Body;
 use crate::sample::{FlowRotation, FlowSample};
 use crate::time::{AutopilotTime, Span};
 
@@ -130,7 +131,7 @@ impl ImageAssembly {
         let with_distance = samples.iter().find(|s| s.distance_m.is_some()).unwrap_or(first);
         let (distance_m, height_m) = distance(with_distance, cosine, context);
         let height_m = distance_m.map(|d| d * cosine).or(height_m).ok_or(Reason::NoDistance)?;
-        let rate_camera = mount.r_body_to_camera * moment.rate_body;
+        let rate_camera = mount.camera_to_body.to_camera(Body::new(moment.rate_body)).raw();
         let view = View::mounted(1.0, mount, &r, height_m);
         let features = self.features(settings, &rate_camera);
         let noise =
@@ -149,7 +150,7 @@ impl ImageAssembly {
         let (solved, observed) = match solve(None) {
             Ok(solved) => (solved, true),
             Err(FlowRefusal::Rank(_) | FlowRefusal::Condition(_)) => {
-                let lever = moment.rate_body.cross(&mount.lever_arm_body);
+                let lever = moment.rate_body.cross(&mount.lever_arm.raw());
                 let known = KnownComponent {
                     direction_camera: view.down_camera,
                     speed_mps: (r.row(2) * lever)[0] - context.core.height.climb_mps(),

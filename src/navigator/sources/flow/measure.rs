@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use crate::camera::{FlowPatch, FlowRefusal, PatchNoise, single_patch};
+use crate::geo::Body;
 use crate::sample::{FlowRotation, FlowSample};
 use crate::time::{AutopilotTime, Span};
 
@@ -116,7 +117,7 @@ pub(super) fn of_patch(
     let (distance_m, height_m) = distance(s, mount.cos_tilt(&r), context);
     // A message that gives a rate is a flow over any interval.
     let dt = if s.interval > Span::ZERO { s.interval.seconds() } else { RATE_INTERVAL_S };
-    let rate_camera = mount.r_body_to_camera * rate_body;
+    let rate_camera = mount.camera_to_body.to_camera(Body::new(rate_body)).raw();
     let rotation = match s.rotation {
         FlowRotation::SensorGyro([x, y]) => Vector2::new(x, y),
         FlowRotation::Contained => rate_camera.xy(),

@@ -28,7 +28,7 @@ use super::status::SourceHealth;
 use pose::PoseStanding;
 pub(in super::super) use pose::{LandmarkFix, PERIOD_S, PoseNews};
 use relation::Relation;
-pub use setup::{LandmarkCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
+pub use setup::{ComponentCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 
 /// The filter is carried on in steps of this, s: at fast streams several samples at once.
 const PUSH_S: f64 = 0.009;
@@ -224,7 +224,7 @@ impl LandmarkSource {
         let Some(environment) = context.core.surroundings.environment() else { return };
         let Ok(map) = self.setup.map(&environment.frame) else { return };
         let Some(guess) = self.guess(&map, context) else { return };
-        let filter = LandmarkFilter::new(self.setup.filter, map, self.setup.mounts(), now, &guess);
+        let filter = LandmarkFilter::new(self.setup.filter, map, self.setup.landmark_cameras(), now, &guess);
         self.filter = Some(filter);
     }
 

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::geo::{Geodetic, LocalNed};
-use crate::landmark::{CameraMount, LandmarkMap, LandmarkSettings, MapError};
+use crate::landmark::{LandmarkCamera, LandmarkMap, LandmarkSettings, MapError};
 
 /// What the landmarks' coordinates are relative to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,13 +23,13 @@ pub enum LandmarkPlace {
     Global(Geodetic),
 }
 
-/// A camera that sees landmarks.
+/// The camera behind a component's sightings.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LandmarkCamera {
+pub struct ComponentCamera {
     /// The component whose sightings it makes; 0 stands for every other.
     pub component: u8,
-    /// How it is mounted.
-    pub mount: CameraMount,
+    /// What it sees from where.
+    pub camera: LandmarkCamera,
     /// Age of a sighting beyond its own stamp, s.
     pub delay_s: f64,
 }
@@ -42,7 +42,7 @@ pub struct LandmarkSetup {
     /// Ids and places.
     pub points: Vec<(u8, LandmarkPlace)>,
     /// Cameras.
-    pub cameras: Vec<LandmarkCamera>,
+    pub cameras: Vec<ComponentCamera>,
     /// The filter.
     pub filter: LandmarkSettings,
     /// How well the field as a whole was surveyed, each axis, m.
@@ -68,7 +68,7 @@ impl LandmarkSetup {
         Some((u8::try_from(index).ok()?, self.cameras.get(index)?.delay_s))
     }
 
-    pub(super) fn mounts(&self) -> Vec<CameraMount> {
-        self.cameras.iter().map(|c| c.mount).collect()
+    pub(super) fn landmark_cameras(&self) -> Vec<LandmarkCamera> {
+        self.cameras.iter().map(|c| c.camera).collect()
     }
 }

@@ -1,0 +1,10 @@
+//! The error-state filter's tuning constants, with their reasons. Its noise is [`super::EskfSettings`].
+
+/// Longest step of the covariance, s. The error's transition is linear in sums over it: of second order in the rotation within, some 10⁻³ at
+/// 2 rad/s. Longer saves time, shorter follows faster rotations.
+pub(super) const COVARIANCE_STEP_S: f64 = 0.02;
+/// Samples between two orthonormalisations: a product of rotations leaves SO(3) by 10⁻¹⁶ a sample.
+pub(super) const REORTHONORMALISE: u32 = 100;
+/// Slower than this through the air, neither airspeed nor sideslip say anything, m/s: a pitot tube shows the square of it, and the direction of
+/// the wind's error is the sideslip's.
+pub(super) const MIN_AIRSPEED: f64 = 3.0;
