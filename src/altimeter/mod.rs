@@ -6,7 +6,6 @@
 //! where a configuration asks for them ([`AltimeterKind`]).
 
 mod accommodation;
-pub mod atmosphere;
 mod channel_state;
 mod drift;
 mod fault;

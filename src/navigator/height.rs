@@ -157,7 +157,7 @@ impl Navigator {
     }
 
     pub(super) fn pressure(&mut self, s: &PressureSample) -> Verdict {
-        let Some(altitude) = crate::altimeter::atmosphere::pressure_altitude_m(s.pressure_pa) else {
+        let Some(altitude) = crate::geo::atmosphere::pressure_altitude_m(s.pressure_pa) else {
             return Verdict::Rejected(Reason::NotFinite);
         };
         let Some(now) = self.last_imu else { return Verdict::Rejected(Reason::NoReferenceYet) };
