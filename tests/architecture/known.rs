@@ -14,7 +14,7 @@ pub const LINES: &[(&str, usize)] = &[
     ("Navigator::measure_image", 61),
     ("Navigator::new", 77),
     ("Navigator::observe", 73),
-    ("Raw::navigator", 80),
+    ("Raw::navigator", 77),
     ("Raw::validate", 62),
     ("print_report", 118),
     ("run", 81),
