@@ -71,6 +71,7 @@ impl Health {
 
 /// A fault was declared, or is over.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Change {
     /// A channel is faulty.
     Faulty {

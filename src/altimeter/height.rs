@@ -10,6 +10,7 @@ use super::settings::AltimeterSettings;
 
 /// Which altimeter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum AltimeterKind {
     /// The fault-tolerant one.
     FaultTolerant,

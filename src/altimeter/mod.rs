@@ -1,12 +1,26 @@
 //! Height from inertia, barometers, GNSS and a rangefinder.
 //!
-//! What flies is the fault-tolerant altimeter, [`Altimeter`]: one joint filter ([`joint`]) whose samples [`fault_tolerant`] guards, a bank of
-//! generalised likelihood ratios ([`glr_bank`]) that [`isolation`] reads, [`accommodation`] of what it finds, and two watches over what has
-//! no onset: [`noise_monitor`] and [`drift`]. [`published`] holds the altimeters of Contreras and Hajiyev, for comparison: they fly only
+//! What flies is the fault-tolerant altimeter, [`Altimeter`]: one joint filter (`joint`) whose samples `fault_tolerant` guards, a bank of
+//! generalised likelihood ratios (`glr_bank`) that `isolation` reads, `accommodation` of what it finds, and two watches over what has
+//! no onset: `noise_monitor` and `drift`. [`published`] holds the altimeters of Contreras and Hajiyev, for comparison: they fly only
 //! where a configuration asks for them ([`AltimeterKind`]).
+//!
+//! ```
+//! use holdover::altimeter::{Altimeter, AltimeterSettings, Channel, Health};
+//!
+//! // An aircraft at 120 m whose barometer is 15 m off from the fiftieth second on.
+//! let mut altimeter = Altimeter::new(AltimeterSettings::table_1());
+//! for k in 0..200 {
+//!     altimeter.predict(0.5, 0.0, 0.0);
+//!     let bias = if k < 100 { 0.0 } else { 15.0 };
+//!     altimeter.measure(Channel::Baro, 120.0 + bias, None, 0.0);
+//!     altimeter.measure(Channel::Gnss, 120.0, None, 0.0);
+//! }
+//! assert!(matches!(altimeter.health(Channel::Baro), Health::Faulty { .. }));
+//! assert!(altimeter.height_m().is_some_and(|h| (h - 120.0).abs() < 1.0));
+//! ```
 
 mod accommodation;
-pub mod atmosphere;
 mod channel_state;
 mod drift;
 mod fault;

@@ -186,7 +186,13 @@ fn print_report(
     for (t, event) in &outcome.events {
         outln!("  {t:8.1} s  {:18} {}", event.kind.code(), event.kind);
     }
-    let navigator = &runner.pipeline.navigator;
+    print_learned(&runner.pipeline.navigator);
+    print_innovations(&runner.pipeline.navigator);
+    print_errors(r);
+}
+
+/// What was learned of sensors: calibrations, latencies, heights.
+fn print_learned(navigator: &Navigator) {
     for ((id, calibration, trust), (_, latency, sigma)) in
         navigator.flow_sensors().zip(navigator.flow_latencies_s())
     {
@@ -202,12 +208,12 @@ fn print_report(
             trust.map_or_else(|why| why.reason(), |()| "trusted")
         );
     }
-    let (latency, sigma) = runner.pipeline.navigator.gnss_latency_s();
+    let (latency, sigma) = navigator.gnss_latency_s();
     outln!("  GNSS latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
 
-    for (channel, health) in runner.pipeline.navigator.height_health() {
+    for (channel, health) in navigator.height_health() {
         if health != Health::Unheard {
-            let standing = runner.pipeline.navigator.height_standing(channel);
+            let standing = navigator.height_standing(channel);
             let (offset_m, quiet_s) = standing.unwrap_or_default();
             outln!(
                 "  {}: {health}, {offset_m:+.1} m to the height, heard {quiet_s:.1} s ago",
@@ -215,9 +221,10 @@ fn print_report(
             );
         }
     }
+}
 
-    print_innovations(&runner.pipeline.navigator);
-
+/// How wrong the solution was.
+fn print_errors(r: &ReplayReport) {
     let against = match r.reference {
         ReferenceKind::Truth => "the simulator's truth",
         ReferenceKind::Gnss => "GNSS",

@@ -445,6 +445,15 @@ impl Raw {
         })
     }
 
+    fn air_model(&self) -> AirModel {
+        AirModel {
+            wind_sigma: self.kalman.wind_sigma_mps,
+            wind_walk: self.kalman.wind_walk,
+            airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
+            drag_sigma: self.drag.coefficient_sigma_per_s,
+        }
+    }
+
     fn navigator(&self, patches: PatchTable, landmarks: Option<LandmarkSetup>) -> NavigatorSettings {
         let (g, o) = (&self.gnss, &self.observer);
         NavigatorSettings {
@@ -465,12 +474,7 @@ impl Raw {
                 magnetic_bias_sigma: self.kalman.magnetic_bias_sigma_ut * 1e-6,
                 magnetic_bias_walk: self.kalman.magnetic_bias_walk_ut * 1e-6,
                 gyro_scale_sigma: self.kalman.gyro_scale_sigma,
-                air: AirModel {
-                    wind_sigma: self.kalman.wind_sigma_mps,
-                    wind_walk: self.kalman.wind_walk,
-                    airspeed_scale_sigma: self.kalman.airspeed_scale_sigma,
-                    drag_sigma: self.drag.coefficient_sigma_per_s,
-                },
+                air: self.air_model(),
                 flow_bias_walk: self.kalman.flow_bias_walk,
                 flow_scale_walk: self.kalman.flow_scale_walk,
                 gate_sigma: self.kalman.gate_sigma,

@@ -46,21 +46,20 @@ pub struct Summary {
     pub reboots: u32,
 }
 
-impl fmt::Display for Summary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.mode.label())?;
-        if let Some(sigma) = self.sigma_m.filter(|_| self.mode != Mode::Aligning) {
-            write!(f, " +-{sigma:.1} m")?;
-        }
-        for (channel, health) in &self.faulty_heights {
-            write!(f, "; {} {health}", channel.label())?;
-        }
+impl Summary {
+    /// Sources that cannot be believed at present, with what speaks against them most often.
+    fn write_doubted(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for s in self.sources.iter().filter(|s| s.health != SourceHealth::Healthy) {
             write!(f, "; {} {} {}", s.kind.label(), s.id, s.health.label())?;
             if let Some((reason, n)) = s.rejected.iter().max_by_key(|(_, n)| **n) {
                 write!(f, " ({n} {reason})")?;
             }
         }
+        Ok(())
+    }
+
+    /// Samples a second by kind.
+    fn write_heard(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "; heard")?;
         let mut heard = false;
         for &kind in SampleKind::ALL {
@@ -73,6 +72,11 @@ impl fmt::Display for Summary {
         if !heard {
             write!(f, " nothing")?;
         }
+        Ok(())
+    }
+
+    /// What was sent, and what was withheld or lost.
+    fn write_sent(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "; sent {}", self.sent)?;
         for (n, what) in [
             (self.not_finite, "not finite"),
@@ -87,6 +91,22 @@ impl fmt::Display for Summary {
                 write!(f, ", {n} {what}")?;
             }
         }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.mode.label())?;
+        if let Some(sigma) = self.sigma_m.filter(|_| self.mode != Mode::Aligning) {
+            write!(f, " +-{sigma:.1} m")?;
+        }
+        for (channel, health) in &self.faulty_heights {
+            write!(f, "; {} {health}", channel.label())?;
+        }
+        self.write_doubted(f)?;
+        self.write_heard(f)?;
+        self.write_sent(f)?;
         for (i, (cause, n)) in self.rejects.seen().enumerate() {
             write!(f, "{} {n} {}", if i == 0 { "; rejected" } else { "," }, cause.label())?;
         }

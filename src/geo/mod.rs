@@ -21,6 +21,7 @@
 //! # Ok::<(), holdover::geo::MagneticError>(())
 //! ```
 
+pub mod atmosphere;
 pub mod earth_rate;
 pub mod frame;
 pub mod gravity;

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 
 /// What the landmarks that were used say of the pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Observability {
     /// Three landmarks or more that are not on a line.
     Observable,

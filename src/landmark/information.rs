@@ -220,6 +220,7 @@ impl Information {
 
     /// Sigmas of q (m) and of the elements of N: the largest of each.
     pub fn sigmas(&self) -> Option<[f64; 2]> {
+        // The diagonal of Y⁻¹ itself is asked for.
         let covariance = Cholesky::new(self.y)?.inverse();
         let largest =
             |from: usize, to: usize| (from..to).map(|i| covariance[(i, i)]).fold(0.0, f64::max).sqrt();

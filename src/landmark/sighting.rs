@@ -41,6 +41,7 @@ pub enum Seen {
 
 /// What was made of a sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum SightingVerdict {
     /// Used; the squared ratio of its residual to what was to be expected.
     Used(f64),

@@ -49,6 +49,7 @@ pub struct XkfInput {
 
 /// What y3, the specific force of a motion at constant body velocity, is taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SpecificForceForm {
     /// Fusini (2c) as printed: y3 = −Rᵀg + (ω_m − b_ω − Rᵀω_e) × Rᵀv. There is no b_f in it, so an accelerometer's bias is taken for a
     /// tilt. For comparison with the paper.

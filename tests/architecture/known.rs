@@ -8,18 +8,12 @@ pub const FIELDS: &[(&str, usize)] = &[("NavigatorSettings", 18)];
 pub const IMPL_FILES: &[(&str, usize)] = &[];
 
 /// Functions of more than 60 lines.
-pub const LINES: &[(&str, usize)] = &[
-    ("Raw::navigator", 80),
-    ("Raw::validate", 62),
-    ("print_report", 118),
-    ("run", 81),
-];
+pub const LINES: &[(&str, usize)] = &[("Raw::navigator", 77), ("Raw::validate", 62), ("run", 81)];
 
 /// Functions of more than 15 branches.
 pub const BRANCHES: &[(&str, usize)] = &[
     ("Decoder::message", 28),
     ("FaultCase::faults", 23),
-    ("Summary::fmt", 19),
     ("Walk::value", 21),
     ("solve_velocity", 16),
     ("truth", 20),
@@ -28,7 +22,6 @@ pub const BRANCHES: &[(&str, usize)] = &[
 /// Type names that stand in more than one file.
 pub const NAMES: &[(&str, usize)] = &[
     ("Airspeed", 2),
-    ("Feature", 2),
     ("Flow", 2),
     ("Frame", 2),
     ("Gnss", 2),

@@ -2,8 +2,8 @@
 //! `altimeter_flights` example.
 #![allow(dead_code, reason = "the tests and the example each use their part")]
 
-use holdover::altimeter::atmosphere::pressure_altitude_m;
 use holdover::altimeter::{Channel, Fault};
+use holdover::geo::atmosphere::pressure_altitude_m;
 use holdover::navigator::event::EventKind;
 use holdover::navigator::solution::{Mode, Solution};
 use holdover::pipeline::PipelineSettings;

@@ -8,7 +8,7 @@
 //! All of it is linear in sums that can be taken sample by sample, so that the covariance is propagated once a fix, exactly but for the noise:
 //! with A(t) = ∫R dt, δθ⁺ = δθ − A δb and δv⁺ = δv − (S(∫F dt) δθ)_NE + (∫S(F) A dt δb)_NE.
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, U2, Vector2, Vector3};
 
 use super::tuning::LARGE_TURN;
 use super::{HeadingBankSettings, Waiting};
@@ -146,20 +146,26 @@ impl Hypothesis {
 
     /// Innovation squared over its covariance against a measured horizontal velocity, and that covariance's determinant.
     pub(super) fn surprise(&self, velocity_ne: &Vector2<f64>, noise: &Matrix2<f64>) -> Option<(f64, f64)> {
-        let s = self.p.fixed_view::<2, 2>(V, V) + noise;
+        self.judged(velocity_ne, noise).map(|(nis, determinant, _)| (nis, determinant))
+    }
+
+    /// The same with the innovation's covariance, factored.
+    fn judged(
+        &self,
+        velocity_ne: &Vector2<f64>,
+        noise: &Matrix2<f64>,
+    ) -> Option<(f64, f64, Cholesky<f64, U2>)> {
+        let s = Cholesky::new(self.p.fixed_view::<2, 2>(V, V) + noise)?;
         let innovation = velocity_ne - self.velocity_ne;
-        let nis = innovation.dot(&(s.try_inverse()? * innovation));
-        let determinant = s.determinant();
-        (nis.is_finite() && determinant > 0.0).then_some((nis, determinant))
+        let (nis, determinant) = (innovation.dot(&s.solve(&innovation)), s.determinant());
+        (nis.is_finite() && determinant > 0.0).then_some((nis, determinant, s))
     }
 
     /// A horizontal velocity with its covariance. The weight becomes w · N(innovation; 0, S).
     pub(super) fn fuse(&mut self, velocity_ne: &Vector2<f64>, noise: &Matrix2<f64>) {
-        let Some((nis, determinant)) = self.surprise(velocity_ne, noise) else { return };
-        let s = self.p.fixed_view::<2, 2>(V, V) + noise;
-        let Some(inverse) = s.try_inverse() else { return };
+        let Some((nis, determinant, s)) = self.judged(velocity_ne, noise) else { return };
         let ph = self.p.fixed_columns::<2>(V).into_owned();
-        let gain = ph * inverse;
+        let gain = s.solve(&ph.transpose()).transpose();
         let dx = gain * (velocity_ne - self.velocity_ne);
         let p = self.p - gain * ph.transpose();
         self.p = 0.5 * (p + p.transpose());

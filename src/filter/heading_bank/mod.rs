@@ -81,6 +81,7 @@ pub struct HeadingEstimate {
 
 /// What became of a velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum BankVerdict {
     /// It weighed the hypotheses.
     Used,

@@ -3,7 +3,7 @@
 //! With GNSS the filter learns the wind and the airspeed's scale in turns; without, airspeed and heading less the wind are a velocity
 //! whose error grows as slowly as the wind changes.
 
-use crate::altimeter::atmosphere::true_airspeed_factor;
+use crate::geo::atmosphere::true_airspeed_factor;
 use crate::sample::{Airframe, AirspeedSample};
 use crate::time::AutopilotTime;
 

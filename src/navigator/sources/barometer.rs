@@ -1,7 +1,7 @@
 //! Barometers: the first that is heard leads, another one votes.
 
 use crate::altimeter::Channel;
-use crate::altimeter::atmosphere::pressure_altitude_m;
+use crate::geo::atmosphere::pressure_altitude_m;
 use crate::sample::PressureSample;
 use crate::time::AutopilotTime;
 

@@ -1,15 +1,9 @@
 //! Barometer and airspeed.
 
+use crate::geo::atmosphere::{density_ratio, static_pressure_pa};
 use crate::sim::noise::{GaussMarkov, SensorRng, Stream};
 use crate::sim::trajectory::Truth;
 use nalgebra::Vector3;
-
-/// The standard atmosphere's troposphere (ISO 2533): sea-level pressure, Pa, temperature, K, lapse rate, K/m, and g/(R·L). The
-/// density's exponent is one less.
-const P0_PA: f64 = 101_325.0;
-const T0_K: f64 = 288.15;
-const LAPSE_KPM: f64 = 0.0065;
-const EXPONENT: f64 = 5.255_88;
 
 /// Errors of a barometer, as height.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,15 +67,9 @@ impl Barometer {
         self.wander_m = m.wander_m.next(self.wander_m, m.period_s, self.rng.normal());
         let altitude_m = -truth.position_ned.z + self.wander_m + m.noise_m * self.rng.normal();
         let height = self.origin_m + altitude_m + self.weather_m;
-        let pressure_pa = P0_PA * relative_temperature(height).powf(EXPONENT);
+        let pressure_pa = static_pressure_pa(height);
         BarometerReading { altitude_m, pressure_pa }
     }
-}
-
-/// Temperature over that of the sea level.
-fn relative_temperature(height_m: f64) -> f64 {
-    // Heights beyond the troposphere are not simulated.
-    (1.0 - LAPSE_KPM / T0_K * height_m).max(0.5)
 }
 
 /// Errors of an airspeed sensor, which measures dynamic pressure: equivalent airspeed, that is true airspeed times √(ρ/ρ₀) in the
@@ -134,7 +122,7 @@ impl Airspeed {
         let m = self.model;
         self.gust_ned = m.gusts_mps.next3(&self.gust_ned, m.period_s, &self.rng.normals());
         let noise = m.noise_mps * self.rng.normal();
-        let density = relative_temperature(self.origin_m - truth.position_ned.z).powf(EXPONENT - 1.0);
+        let density = density_ratio(self.origin_m - truth.position_ned.z);
         let through_air = (truth.velocity_ned - wind_ned - self.gust_ned).norm();
         (1.0 + self.scale) * through_air * density.sqrt() + noise
     }
