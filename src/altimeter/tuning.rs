@@ -60,12 +60,12 @@ pub(super) const BOUNDED_SQUARE: f64 = 16.0;
 
 // What is declared, and when it is over.
 
-/// Log-odds of zero against a bias above which it is over: zero may be e² times less likely. Below, a bias that has gone
-/// leaves its channel unused for longer; above, a bias of one sigma of the doubt is taken for none.
+/// Log-odds of zero against a bias above which it is over: zero may be e² times less likely. A higher one
+/// leaves a channel unused for longer after its bias has gone; a lower one takes a bias that is still there for over.
 pub(super) const HEALED: f64 = -2.0;
 /// Samples over which the grown noise's variance is averaged: 40 know it to 22 %.
 pub(super) const NOISE_MEMORY: f64 = 40.0;
-/// A factor on the variance below this is no fault: with [`NOISE_MEMORY`] samples it is not told from 1.
+/// A factor on the variance below this is no fault: with [`NOISE_MEMORY`] samples it is two sigmas from 1.
 pub(super) const LEAST_NOISE_FACTOR: f64 = 1.5;
 /// ½ D²/var of the barometer's offset from which on it has drifted: 5 σ, for the test is over all of the flight.
 pub(super) const DRIFTED: f64 = 12.5;

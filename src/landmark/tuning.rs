@@ -44,7 +44,7 @@ pub(super) const ACQUIRED_ROTATION: f64 = 0.12;
 pub(super) const ACQUIRED_SCALE: f64 = 0.25;
 /// … and the centroid of the field is known to this part of the distances bearings are scaled with at most.
 pub(super) const ACQUIRED_POSITION: f64 = 0.1;
-/// The refining filter is reset when it is off its monitor's estimate by this χ². 6 degrees of freedom are beyond it once in 10¹¹; the two
+/// The refining filter is reset when it is off its monitor's estimate by this χ². 6 degrees of freedom are beyond it once in 2·10¹⁰; the two
 /// share their sightings, and a reset costs the refined pose.
 pub(super) const APART: f64 = 60.0;
 /// … for this long, s: a single picture with wrong landmarks is over by then.

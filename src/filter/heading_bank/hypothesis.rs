@@ -76,9 +76,9 @@ impl Hypothesis {
     pub(super) fn new(
         r_body_to_ned: Matrix3<f64>,
         velocity_ne: Vector2<f64>,
-        doubt: &HypothesisSigma,
+        sigma: &HypothesisSigma,
     ) -> Self {
-        let (t, h, v, b) = (doubt.tilt, doubt.heading, doubt.velocity, doubt.gyro_bias);
+        let (t, h, v, b) = (sigma.tilt, sigma.heading, sigma.velocity, sigma.gyro_bias);
         let sigma = SMatrix::<f64, STATES, 1>::from([t, t, h, v, v, b, b, b]);
         Self {
             r_body_to_ned,

@@ -296,7 +296,7 @@ impl HeadingBank {
         };
         let lean = (self.gravity_mps2 / force.norm()).min(1.0).acos();
         let spacing = TAU / HYPOTHESES as f64;
-        let doubt = HypothesisSigma {
+        let sigma = HypothesisSigma {
             tilt: LEAST_TILT + lean,
             heading: OVERLAP * spacing,
             velocity: sigma_mps,
@@ -304,7 +304,7 @@ impl HeadingBank {
         };
         self.bank.extend((0..HYPOTHESES).map(|i| {
             let turn = so3::exp(&Vector3::new(0.0, 0.0, spacing * i as f64));
-            Hypothesis::new(turn * level, *velocity_ne, &doubt)
+            Hypothesis::new(turn * level, *velocity_ne, &sigma)
         }));
         while self.waiting.front().is_some_and(|w| w.time <= measured) {
             self.waiting.pop_front();
