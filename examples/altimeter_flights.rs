@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example altimeter_flights -- LOG… [--filters default,okf,rkf,rkf_joseph,selector] [--outage A..B]`
 //!
-//! The whole navigator flies the log with `height.filter` set to one after the other. Where a log has no truth, the barometer stands in (`baro`
+//! The whole navigator flies the log with `navigator.altimeter` set to one after the other. Where a log has no truth, the barometer stands in (`baro`
 //! in the table): the first one heard, counted from where the height was in the first five seconds after alignment. That is a reference
 //! where the barometer is the healthy source, and no more than a hint elsewhere.
 
@@ -110,7 +110,7 @@ fn name(log: &Path) -> String {
 }
 
 fn fly(args: &Args, path: &Path, filter: &str) -> Result<Row> {
-    let settings = args.settings.load(&[format!("height.filter={filter}")])?;
+    let settings = args.settings.load(&[format!("navigator.altimeter={filter}")])?;
     let log = Log::open(path, settings.system)?;
     let flown = heights::fly(&log, &settings.pipeline, &args.outage, |_, item, heard| heard.push(item))?;
     let h = flown.finish();

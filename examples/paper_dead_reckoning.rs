@@ -118,10 +118,10 @@ impl Pilot {
 
 fn navigator(args: &Args, imu: &str, estimator: Estimator) -> Result<Navigator, String> {
     let mut overrides = data_sheet(imu == "mems");
-    overrides.push(format!("observer.estimator={}", estimator.label()));
+    overrides.push(format!("navigator.estimator={}", estimator.label()));
     // The published forms of b_v; the filters have it among their states.
     let flow_bias = if estimator == Estimator::NloPrinted { "as_printed" } else { "body" };
-    overrides.push(format!("observer.flow_bias={flow_bias}"));
+    overrides.push(format!("tuning.observer.flow_bias={flow_bias}"));
     if !args.magnetometer && !matches!(estimator, Estimator::Shipped | Estimator::Inertial) {
         overrides.push("magnetometer.use=false".to_owned());
     }

@@ -15,7 +15,7 @@ use crate::replay::log::{Log, LogError};
 use crate::replay::sweep::{SweepRow, airborne, sweep};
 
 use super::table::{Table, number};
-use super::{ConfigArgs, Failure};
+use super::{ConfigArgs, Failure, warn};
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
@@ -75,13 +75,14 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         return Err(Failure::Usage("--starts: at least one".into()));
     }
     let mut jobs = Vec::new();
-    for path in &args.logs {
-        for name in &args.estimator {
-            let mut source = args.settings.clone();
-            source.set.push(format!("observer.estimator={name}"));
+    for (i, path) in args.logs.iter().enumerate() {
+        for (j, name) in args.estimator.iter().enumerate() {
             // How far it drifts is the question: an estimate that is called lost is scored as well.
-            let settings = source.load()?;
-            jobs.push(Job { path: path.clone(), settings });
+            let loaded = args.settings.with_estimator(name).read()?;
+            if (i, j) == (0, 0) {
+                warn(&loaded);
+            }
+            jobs.push(Job { path: path.clone(), settings: loaded.settings });
         }
     }
     let bar = if args.json || !std::io::stderr().is_terminal() {

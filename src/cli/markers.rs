@@ -103,18 +103,19 @@ pub(super) fn to_toml(field: &MarkerField, camera: &MarkerCamera, origin: &Geode
         let g = frame.to_geodetic(place);
         let (latitude, longitude) = (g.latitude_rad.to_degrees(), g.longitude_rad.to_degrees());
         format!(
-            "  \"id={id} latitude_deg={latitude:.9} longitude_deg={longitude:.9} height_m={:.3}\",\n",
+            "  {{ id = {id}, latitude_deg = {latitude:.9}, longitude_deg = {longitude:.9}, height_m = {:.3} }},\n",
             g.height_m
         )
     });
     let lever = camera.mount.lever_arm.raw();
     let [x, y] = camera.half_field_of_view_rad.map(f64::to_degrees);
     format!(
-        "[landmarks]\npoints = [\n{}]\ncameras = [\"component={} x_m={} y_m={} z_m={} half_x_deg={x:.1} half_y_deg={y:.1}\"]\n",
-        points.collect::<String>(),
+        "[[cameras]]\ncomponent = {}\nx_m = {}\ny_m = {}\nz_m = {}\nhalf_x_deg = {x:.1}\nhalf_y_deg = {y:.1}\n\n\
+         [landmarks]\npoints = [\n{}]\n",
         CAMERA.component.0,
         lever.x,
         lever.y,
-        lever.z
+        lever.z,
+        points.collect::<String>(),
     )
 }

@@ -17,7 +17,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{ConfigError, Settings, Sources};
+use crate::config::{ConfigError, Loaded, Settings, Sources};
 use crate::replay::log::LogError;
 
 /// Keeps a drone navigating when GNSS drops.
@@ -61,14 +61,35 @@ struct ConfigArgs {
 }
 
 impl ConfigArgs {
-    /// Loads the settings from files, environment and overrides.
+    /// Loads the settings from files, environment and overrides; what is odd is told on standard error.
     ///
     /// # Errors
     /// [`Failure::Config`].
     fn load(&self) -> Result<Settings, Failure> {
+        let loaded = self.read()?;
+        warn(&loaded);
+        Ok(loaded.settings)
+    }
+
+    /// Loads the settings with where they came from, and tells nothing.
+    fn read(&self) -> Result<Loaded, Failure> {
         let sources =
             Sources { files: self.config.clone(), environment: environment(), overrides: self.set.clone() };
-        Settings::load(&sources).map_err(Failure::Config)
+        Loaded::load(&sources).map_err(Failure::Config)
+    }
+
+    /// The same with another estimator.
+    fn with_estimator(&self, name: &str) -> Self {
+        let mut other = self.clone();
+        other.set.push(format!("navigator.estimator={name}"));
+        other
+    }
+}
+
+/// Tells what is odd about the settings.
+fn warn(loaded: &Loaded) {
+    for warning in &loaded.warnings {
+        eprintln!("holdover: {warning}");
     }
 }
 

@@ -93,11 +93,10 @@ pub struct ReplayReport {
 /// # Errors
 /// [`Failure`].
 pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let mut settings_args = args.settings.clone();
-    if let Some(name) = &args.estimator {
-        settings_args.set.push(format!("observer.estimator={name}"));
-    }
-    let settings = settings_args.load()?;
+    let settings = match &args.estimator {
+        Some(name) => args.settings.with_estimator(name).load()?,
+        None => args.settings.load()?,
+    };
     let log = Log::open(&args.log, settings.system)?;
     let mut csv = args.out.as_deref().map(SolutionCsv::create).transpose()?;
     let bar = progress_bar(log.bytes(), args.json);

@@ -8,14 +8,14 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tracing_subscriber::EnvFilter;
 
-use crate::config::{LOG_VARIABLE, Settings};
+use crate::config::{LOG_VARIABLE, Origin, Settings};
 use crate::daemon::{Daemon, link_config};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::link::Links;
 
 use super::replay::parse_interval;
-use super::{ConfigArgs, Failure, check};
+use super::{ConfigArgs, Failure, check, warn};
 
 /// How long the links may take to close.
 const CLOSING: Duration = Duration::from_secs(1);
@@ -44,13 +44,15 @@ pub struct RunArgs {
 /// # Errors
 /// [`Failure::Config`], [`Failure::Usage`], and [`Failure::Link`] when a link cannot be opened.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
-    let mut settings = args.settings.load()?;
+    let mut loaded = args.settings.read()?;
+    warn(&loaded);
     if !args.endpoint.is_empty() {
-        settings.endpoints.clone_from(&args.endpoint);
+        loaded.set_endpoints(&args.endpoint, Origin::Argument("--endpoint".into()));
     }
     if args.dry_run {
-        return check::show(&settings);
+        return check::show(&loaded, false);
     }
+    let settings = loaded.settings;
     if settings.endpoints.is_empty() {
         return Err(Failure::Usage("link.endpoints is empty: there is nothing to listen to".into()));
     }

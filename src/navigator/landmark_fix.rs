@@ -1,6 +1,6 @@
 //! What a fix by landmarks does in an outage: it corrects position and heading, or sets them anew.
 //!
-//! What it moves is not shown at once: the published position glides, and where the way is longer than `rejoin.jump_m` it jumps and the
+//! What it moves is not shown at once: the published position glides, and where the way is longer than `tuning.rejoin.jump_m` it jumps and the
 //! reset counter says so.
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3};

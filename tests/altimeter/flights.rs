@@ -20,7 +20,7 @@ const STEP_M: f64 = 0.1;
 
 fn flown(name: &str, filter: &str, change: impl FnMut(f64, Input, &mut Vec<Input>)) -> crate::heights::Watch {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sitl-logs").join(format!("{name}.tlog"));
-    let sources = Sources { overrides: vec![format!("height.filter={filter}")], ..Sources::default() };
+    let sources = Sources { overrides: vec![format!("navigator.altimeter={filter}")], ..Sources::default() };
     let settings = Settings::load(&sources).unwrap().pipeline;
     fly(&Log::open(&path, None).unwrap(), &settings, &[], change).unwrap()
 }

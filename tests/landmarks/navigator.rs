@@ -244,7 +244,7 @@ fn landmarks_that_come_into_view_late_take_a_long_drift_out_without_a_jump() {
     let blind = ["flow.use=false", "drag.use=false", "holdover.max_coast_s=200", "holdover.max_sigma_m=5000"];
     let worst = |f: &Flight| (f.error_m, f.over_sigma, f.sigma_m, f.resets, f.step_m);
     // A way that has to be a jump is announced.
-    let far = fly(Some(surveyed()), &[&blind[..], &["rejoin.jump_m=10"]].concat(), late);
+    let far = fly(Some(surveyed()), &[&blind[..], &["tuning.rejoin.jump_m=10"]].concat(), late);
     assert!(far.error_m > 20.0 && far.sigma_m < 0.3 && far.over_sigma < 4.0, "{:?}", worst(&far));
     assert!(
         far.resets == 1 && far.told(|w| matches!(w, EventKind::Reset(m) if *m > 10.0)),
@@ -265,7 +265,7 @@ fn landmarks_that_come_into_view_late_take_a_long_drift_out_without_a_jump() {
 #[test]
 fn every_estimator_gains_and_claims_no_more_than_it_has() {
     for estimator in ["nlo", "xkf", "ekf15"] {
-        let f = fly(Some(surveyed()), &[&format!("observer.estimator={estimator}")], unchanged);
+        let f = fly(Some(surveyed()), &[&format!("navigator.estimator={estimator}")], unchanged);
         assert!(
             f.error_m < 1.0 && f.over_sigma < 3.5,
             "{estimator}: {} m, {} sigma",
@@ -273,7 +273,7 @@ fn every_estimator_gains_and_claims_no_more_than_it_has() {
             f.over_sigma
         );
     }
-    let f = fly(Some(surveyed()), &["observer.estimator=inertial"], unchanged);
+    let f = fly(Some(surveyed()), &["navigator.estimator=inertial"], unchanged);
     assert_eq!(f.on_landmarks_s, 0.0);
 }
 

@@ -63,7 +63,7 @@ fn the_shipped_filter_keeps_to_a_fraction_of_a_percent_and_knows_it() {
 fn the_baseline_and_coasting_are_worse_on_a_mems_imu() {
     let straight = |set: &[&str]| fly(Scenario::straight(), true, 1, set).drift_percent;
     let shipped = straight(&[]);
-    let baseline = straight(&["observer.estimator=ekf15", "magnetometer.use=false"]);
-    let inertial = straight(&["observer.estimator=inertial"]);
+    let baseline = straight(&["navigator.estimator=ekf15", "magnetometer.use=false"]);
+    let inertial = straight(&["navigator.estimator=inertial"]);
     assert!(2.0 * shipped < baseline && 2.0 * baseline < inertial, "{shipped} {baseline} {inertial} %");
 }

@@ -203,7 +203,7 @@ fn every_estimator_holds_over_as_well_as_it_can() {
     for (name, bound) in
         [("shipped", 3.0), ("nlo", 6.0), ("nlo_printed", 12.0), ("xkf", 4.0), ("inertial", 100.0)]
     {
-        let estimator = format!("observer.estimator={name}");
+        let estimator = format!("navigator.estimator={name}");
         let overrides = [estimator.as_str(), "holdover.max_coast_s=3600", "holdover.max_sigma_m=100000"];
         let log = fly(&Flight { scenario: &scenario, gnss: &gnss, flow: true, seed: 4 }, 160.0, &overrides);
         let error = log.horizontal_error(159.9);
@@ -227,11 +227,13 @@ fn the_forms_that_the_papers_print_can_be_chosen() {
         let (sum, n) = aided.fold((0.0, 0.0), |(sum, n), e| (sum + e * e, n + 1.0));
         ((sum / n).sqrt(), log.horizontal_error(179.9))
     };
-    let nlo = run(&["observer.estimator=nlo"]);
-    let position_only = run(&["observer.estimator=nlo", "observer.gnss_velocity=false"]);
+    let nlo = run(&["navigator.estimator=nlo"]);
+    let position_only = run(&["navigator.estimator=nlo", "tuning.observer.gnss_velocity=false"]);
     println!("velocity RMS with GNSS, drift after a minute: {nlo:?}, position only {position_only:?}");
     assert!(position_only.0 > 1.05 * nlo.0 && position_only.0 < 1.5, "Theorem 2 holds, and costs");
-    let form = |form: &str| run(&["observer.estimator=nlo_printed", &format!("observer.flow_bias={form}")]).1;
+    let form = |form: &str| {
+        run(&["navigator.estimator=nlo_printed", &format!("tuning.observer.flow_bias={form}")]).1
+    };
     let [calibration, body, printed] = ["calibration", "body", "as_printed"].map(form);
     println!("drift with the printed gains: calibration {calibration}, body {body}, as printed {printed}");
     // 1500 m are flown. The camera has no bias here: what a low pass finds is the attitude's error.

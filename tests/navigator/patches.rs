@@ -13,7 +13,9 @@ use holdover::time::{AutopilotTime, Span};
 use nalgebra::{Vector2, Vector6};
 use proptest::prelude::*;
 
-const PATCHES: &str = r#"flow.patches_deg=["11:-18:14", "12:18:14", "13:-18:-14", "14:18:-14"]"#;
+const PATCHES: &str = "flow.patches=[\
+    {id=11,right_deg=-18,forward_deg=14}, {id=12,right_deg=18,forward_deg=14}, \
+    {id=13,right_deg=-18,forward_deg=-14}, {id=14,right_deg=18,forward_deg=-14}]";
 
 fn at(t: f64) -> AutopilotTime {
     Simulation::ap_time(t)

@@ -204,12 +204,16 @@ fn mistakes_in_the_configuration_name_the_file_and_the_key() {
     check("section.toml", "[outbond]\nrate_hz = 5.0\n").fails(2, &["section.toml", "outbond"]);
     check("type.toml", "[outbound]\nrate_hz = \"fast\"\n")
         .fails(2, &["type.toml", "outbound.rate_hz", "number"]);
-    check("value.toml", "[gnss]\nloss_s = -3.0\n").fails(2, &["value.toml", "gnss.loss_s", "0.2"]);
+    check("value.toml", "[tuning.gnss]\nloss_s = -3.0\n")
+        .fails(2, &["value.toml:2: tuning.gnss.loss_s is -3.0, out of range: 0.2 to 60"]);
+    check("old.toml", "[gnss]\nloss_s = 3.0\n")
+        .fails(2, &["old.toml:2: gnss.loss_s is now tuning.gnss.loss_s"]);
     check("word.toml", "[outbound]\npublish = \"maybe\"\n").fails(2, &["word.toml", "maybe", "never"]);
     check("broken.toml", "[outbound\n").fails(2, &["broken.toml"]);
-    check("two.toml", "[gnss]\nloss_s = -3.0\n[flow]\nuse = 3\n").fails(2, &["gnss.loss_s", "flow.use"]);
+    check("two.toml", "[gnss]\ndelay_ms = -3.0\n[flow]\nuse = 3\n").fails(2, &["gnss.delay_ms", "flow.use"]);
     check("end.toml", "[link]\nendpoints = [\"udp:somewhere\"]\n").fails(2, &["link.endpoints", "udpin:"]);
     check("none.toml", "[link]\nendpoints = []\n").fails(2, &["link.endpoints"]);
+    holdover(&["check", "--config", "/dev/zero"]).fails(2, &["/dev/zero", "1 MiB"]);
     holdover(&["check", "--config", "no-such.toml"]).fails(2, &["no-such.toml"]);
     holdover(&["check", "--config", d.path().to_str().unwrap()]).fails(2, &[d.path().to_str().unwrap()]);
     holdover(&["check", "--set", "outbound.rate_hz=fast"]).fails(2, &["--set", "outbound.rate_hz"]);
@@ -234,6 +238,57 @@ fn check_shows_what_is_in_force() {
     let ran = holdover_with(&["check", "--config", path, "--set", "outbound.rate_hz=50"], &variables);
     assert!(ran.out.contains("at 50 Hz"));
     assert!(holdover(&["check"]).out.contains("udpin:127.0.0.1:14550"));
+}
+
+#[test]
+fn check_shows_where_each_value_came_from() {
+    let d = folder();
+    let path = write_log(d.path(), "mine.toml", b"[outbound]\nrate_hz = 20.0\n[tuning.gnss]\nloss_s = 2.0\n");
+    let variables = [("HOLDOVER_GNSS__DELAY_MS", "40"), ("HOLDOVER_NOISE", "1")];
+    let arguments = ["check", "--config", path.to_str().unwrap(), "--set", "flow.use=false"];
+    let ran = holdover_with(&arguments, &variables);
+    let line = |out: &str, key: &str| {
+        out.lines().find(|l| l.starts_with(key)).map(str::to_owned).unwrap_or_default()
+    };
+    assert!(line(&ran.out, "rate_hz").ends_with("mine.toml:2"), "{}", ran.out);
+    assert!(line(&ran.out, "loss_s").ends_with("mine.toml:4"), "differs from the default: {}", ran.out);
+    assert!(line(&ran.out, "delay_ms").ends_with("# environment HOLDOVER_GNSS__DELAY_MS"), "{}", ran.out);
+    assert!(
+        ran.out.contains("use                       = false") && ran.out.contains("# --set flow.use=false"),
+        "{}",
+        ran.out
+    );
+    assert!(!ran.out.contains("recover_s"), "tuning that nobody touched: {}", ran.out);
+    assert_eq!(ran.err.matches("HOLDOVER_NOISE").count(), 1, "{}", ran.err);
+    let all = holdover_with(&[&arguments[..], &["--all"]].concat(), &variables).out;
+    assert!(line(&all, "recover_s").ends_with("# default"), "{all}");
+    let json = holdover_with(&[&arguments[..], &["--json"]].concat(), &variables).json();
+    let keys = json["keys"].as_array().unwrap();
+    let entry = |key: &str| keys.iter().find(|k| k["key"] == key).unwrap();
+    assert_eq!(
+        (&entry("tuning.gnss.loss_s")["line"], &entry("tuning.gnss.loss_s")["source"]),
+        (&4.into(), &"file".into())
+    );
+    assert_eq!(entry("gnss.delay_ms")["variable"], "HOLDOVER_GNSS__DELAY_MS");
+    assert_eq!(
+        (&entry("flow.use")["value"], &entry("flow.use")["source"]),
+        (&false.into(), &"argument".into())
+    );
+    assert_eq!(
+        (&entry("tuning.gnss.recover_s")["source"], json["warnings"].as_array().unwrap().len()),
+        (&"default".into(), 1)
+    );
+}
+
+#[test]
+fn check_prints_the_defaults_and_the_reference() {
+    let defaults = holdover(&["check", "--defaults"]).out;
+    assert_eq!(defaults, include_str!("../../config/default.toml"));
+    let reference = holdover(&["check", "--reference"]).out;
+    assert!(
+        reference.contains("### `[[cameras]]`")
+            && reference.contains("| `rate_hz` | Hz | [4, 50] | `30.0` |")
+    );
 }
 
 const KEYS: [&str; 11] = [

@@ -31,7 +31,7 @@ impl Holdover {
             .arg("run")
             .args(args)
             // The flights are played many times as fast as they were flown, so queues and patience must be larger in proportion.
-            .args(["--set", "link.queue_frames=16384", "--set", "link.stale_output_ms=3000"])
+            .args(["--set", "tuning.link.queue_frames=16384", "--set", "tuning.link.stale_output_ms=3000"])
             .env_remove("HOLDOVER_LOG")
             .stdin(Stdio::null())
             .stdout(Stdio::null())

@@ -1,0 +1,170 @@
+//! The sections, one file each, and their validation into the types that the code works with.
+
+mod air;
+mod cameras;
+mod filter;
+mod flow;
+mod gnss;
+mod height;
+mod holdover;
+mod imu;
+mod landmarks;
+mod link;
+mod navigator;
+mod observer;
+mod outbound;
+mod streams;
+mod vehicle;
+
+use std::sync::Arc;
+
+use serde::Deserialize;
+
+use crate::navigator::settings::NavigatorSettings;
+use crate::outbound::{OutboundSettings, Profile};
+use crate::pipeline::PipelineSettings;
+use crate::wire::endpoint::Endpoint;
+use crate::wire::frame::SystemId;
+
+use super::Settings;
+use super::key::Section;
+
+/// Everything as it is written. The names of the fields are those of the sections.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AllKeys {
+    vehicle: vehicle::VehicleKeys,
+    link: link::LinkKeys,
+    streams: streams::StreamsKeys,
+    outbound: outbound::OutboundKeys,
+    log: outbound::LogKeys,
+    navigator: navigator::NavigatorKeys,
+    holdover: holdover::HoldoverKeys,
+    gnss: gnss::GnssKeys,
+    magnetometer: imu::MagnetometerKeys,
+    airspeed: air::AirspeedKeys,
+    drag: air::DragKeys,
+    cameras: Vec<cameras::CameraKeys>,
+    flow: flow::FlowKeys,
+    landmarks: landmarks::LandmarksKeys,
+    tuning: Tuning,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tuning {
+    link: link::LinkTuning,
+    imu: imu::ImuTuning,
+    magnetometer: imu::MagnetometerTuning,
+    gnss: gnss::GnssTuning,
+    flow: flow::FlowTuning,
+    airspeed: air::AirspeedTuning,
+    drag: air::DragTuning,
+    landmarks: landmarks::LandmarksTuning,
+    range: height::RangeTuning,
+    height: height::HeightTuning,
+    observer: observer::ObserverTuning,
+    filter: filter::FilterTuning,
+    holdover: holdover::HoldoverTuning,
+    rejoin: holdover::RejoinTuning,
+}
+
+/// All sections, in the order in which they are shown.
+pub static SECTIONS: &[Section] = &[
+    vehicle::VehicleKeys::SECTION,
+    link::LinkKeys::SECTION,
+    streams::StreamsKeys::SECTION,
+    outbound::OutboundKeys::SECTION,
+    outbound::LogKeys::SECTION,
+    navigator::NavigatorKeys::SECTION,
+    holdover::HoldoverKeys::SECTION,
+    gnss::GnssKeys::SECTION,
+    imu::MagnetometerKeys::SECTION,
+    air::AirspeedKeys::SECTION,
+    air::DragKeys::SECTION,
+    cameras::SECTION,
+    flow::FlowKeys::SECTION,
+    landmarks::LandmarksKeys::SECTION,
+    link::LinkTuning::SECTION,
+    imu::ImuTuning::SECTION,
+    imu::MagnetometerTuning::SECTION,
+    gnss::GnssTuning::SECTION,
+    flow::FlowTuning::SECTION,
+    air::AirspeedTuning::SECTION,
+    air::DragTuning::SECTION,
+    landmarks::LandmarksTuning::SECTION,
+    height::RangeTuning::SECTION,
+    height::HeightTuning::SECTION,
+    observer::ObserverTuning::SECTION,
+    filter::FilterTuning::SECTION,
+    holdover::HoldoverTuning::SECTION,
+    holdover::RejoinTuning::SECTION,
+];
+
+impl AllKeys {
+    /// Settings that hold together, or `complain`ts: the key, and what is wrong with it.
+    pub(super) fn validate(&self, complain: &mut impl FnMut(&str, String)) -> Settings {
+        let tuning = &self.tuning;
+        if tuning.link.reconnect_min_ms > tuning.link.reconnect_max_ms {
+            complain("tuning.link.reconnect_min_ms", "is greater than tuning.link.reconnect_max_ms".into());
+        }
+        if tuning.gnss.recover_far_s < tuning.gnss.recover_s {
+            complain("tuning.gnss.recover_far_s", "is less than tuning.gnss.recover_s".into());
+        }
+        let endpoints = self.endpoints(complain);
+        let profile = self.vehicle.profile.parse::<Profile>().ok();
+        let outbound = OutboundSettings {
+            publish: self.outbound.publish,
+            carriage: self.outbound.message,
+            profile: profile.unwrap_or(Profile::Ardupilot),
+            rate_hz: self.outbound.rate_hz,
+            worst_sigma_m: self.holdover.max_sigma_m,
+            farewell_s: self.outbound.farewell_s,
+        };
+        Settings {
+            system: (self.vehicle.system_id != 0).then_some(SystemId(self.vehicle.system_id)),
+            endpoints,
+            link: self.link.settings(&tuning.link),
+            streams: self.streams.settings(),
+            statustext: self.outbound.statustext,
+            log_level: self.log.level.clone(),
+            pipeline: PipelineSettings { navigator: self.navigator(complain), outbound, profile },
+        }
+    }
+
+    fn endpoints(&self, complain: &mut impl FnMut(&str, String)) -> Vec<Endpoint> {
+        let mut endpoints = Vec::new();
+        for text in &self.link.endpoints {
+            match text.parse::<Endpoint>() {
+                Ok(endpoint) => endpoints.push(endpoint),
+                Err(e) => complain("link.endpoints", format!("has a wrong one: {e}")),
+            }
+        }
+        endpoints
+    }
+
+    fn navigator(&self, complain: &mut impl FnMut(&str, String)) -> NavigatorSettings {
+        let tuning = &self.tuning;
+        cameras::check(&self.cameras, complain);
+        NavigatorSettings {
+            estimator: self.navigator.estimator,
+            imu_instantaneous: tuning.imu.samples == imu::ImuSamples::Instants,
+            imu_bridge_s: tuning.imu.bridge_ms * 1e-3,
+            imu_max_gap_s: tuning.imu.max_gap_ms * 1e-3,
+            magnetometer: self.magnetometer.r#use,
+            magnetometer_norm_error: tuning.magnetometer.max_norm_error,
+            magnetometer_sigma_t: tuning.magnetometer.noise_ut * 1e-6,
+            kalman: tuning.filter.settings(tuning.drag.coefficient_sigma_per_s),
+            gnss: self.gnss.settings(&tuning.gnss),
+            flow: self.flow.settings(&tuning.flow, &self.cameras, complain),
+            air: self.airspeed.settings(&tuning.airspeed),
+            drag: self.drag.settings(&tuning.drag),
+            landmarks: self.landmarks.setup(&tuning.landmarks, &self.cameras, complain).map(Arc::new),
+            range_max_age_s: tuning.range.max_age_s,
+            height: tuning.height.settings(self.navigator.altimeter),
+            observer: tuning.observer.settings(),
+            holdover: self.holdover.settings(&tuning.holdover),
+            rejoin: tuning.rejoin.settings(),
+        }
+    }
+}
