@@ -22,7 +22,9 @@ const REBOOT_GAP: Span = Span::from_millis(1000);
 const UNIX_EPOCH_US: i64 = 1_000_000_000_000_000;
 /// Ten years of uptime: beyond it a stamp is no time since boot.
 const LONGEST_UPTIME_US: i64 = 10 * 366 * 86_400 * 1_000_000;
+/// Milliseconds of 32 bits begin anew after so many, 49.7 days.
 const WRAP_MS: i64 = 1 << 32;
+const WRAP_US: i64 = WRAP_MS * 1000;
 
 /// Maps the stamps of one autopilot onto [`AutopilotTime`].
 #[derive(Clone, Debug, Default)]
@@ -68,13 +70,33 @@ impl AutopilotClock {
     /// # Errors
     /// [`Cause::Stale`] or [`Cause::OutOfOrder`] when it is far from the newest and not (yet) confirmed as a jump.
     pub fn boot_ms(&mut self, ms: u32) -> Result<AutopilotTime, Cause> {
-        let mut ms = i64::from(ms);
-        // Unwrap towards the newest: 49.7 days of uptime are rare, an axis that jumps back by them is a crash.
-        let newest_ms = self.newest_boot_us / 1000;
-        if self.newest.is_some() {
-            ms += (newest_ms - ms + WRAP_MS / 2).div_euclid(WRAP_MS) * WRAP_MS;
+        self.accept(self.unwrapped(ms) * 1000)
+    }
+
+    /// Milliseconds since boot of a stamp of 32 bits, unwrapped towards the newest: 49.7 days of uptime are rare, an axis that jumps back
+    /// by them is a crash.
+    fn unwrapped(&self, ms: u32) -> i64 {
+        let (ms, newest_ms) = (i64::from(ms), self.newest_boot_us / 1000);
+        if self.newest.is_none() {
+            return ms;
         }
-        self.accept(ms * 1000)
+        ms + (newest_ms - ms + WRAP_MS / 2).div_euclid(WRAP_MS) * WRAP_MS
+    }
+
+    /// Microseconds since boot of a stamp that is milliseconds since boot in truth, if it is one.
+    fn in_truth_ms(&self, stamp: i64) -> Option<i64> {
+        let us = self.unwrapped(u32::try_from(stamp).ok()?) * 1000;
+        (self.newest.is_some() && !self.near(stamp) && self.near(us)).then_some(us)
+    }
+
+    /// A stamp of microseconds tells how often those of milliseconds have wrapped before they were first heard.
+    fn count_wraps(&mut self, us: i64) {
+        let wraps = (us - self.newest_boot_us + WRAP_US / 2).div_euclid(WRAP_US);
+        if self.newest.is_some() && wraps > 0 && self.near(us - wraps * WRAP_US) {
+            self.newest_boot_us += wraps * WRAP_US;
+            self.base_us -= wraps * WRAP_US;
+            self.unix_minus_boot_us = self.unix_minus_boot_us.map(|offset| offset - wraps * WRAP_US);
+        }
     }
 
     /// A stamp of microseconds: since boot, since 1970, or (ArduPilot's OPTICAL_FLOW) in truth milliseconds since boot.
@@ -87,9 +109,10 @@ impl AutopilotClock {
             let offset = self.unix_minus_boot_us.ok_or(Cause::Stale)?;
             return self.accept(us - offset);
         }
-        if self.newest.is_some() && !self.near(us) && us < i64::from(u32::MAX) && self.near(us * 1000) {
-            return self.accept(us * 1000);
+        if let Some(us) = self.in_truth_ms(us) {
+            return self.accept(us);
         }
+        self.count_wraps(us);
         self.accept(us)
     }
 
@@ -101,9 +124,17 @@ impl AutopilotClock {
     pub fn foreign_usec(&self, us: u64) -> Result<AutopilotTime, Cause> {
         let us = i64::try_from(us).map_err(|_| Cause::Absurd)?;
         let offset = if us >= UNIX_EPOCH_US { self.unix_minus_boot_us.ok_or(Cause::Stale)? } else { 0 };
-        let boot_us = us - offset;
+        let boot_us = self.in_truth_ms(us).unwrap_or(us - offset);
         let near = self.newest.is_some() && self.near(boot_us);
         near.then(|| AutopilotTime::from_micros(boot_us.saturating_add(self.base_us))).ok_or(Cause::Stale)
+    }
+
+    /// A stamp of milliseconds since boot that another component has put on this clock; as [`Self::foreign_usec`].
+    ///
+    /// # Errors
+    /// As [`Self::foreign_usec`].
+    pub fn foreign_ms(&self, ms: u32) -> Result<AutopilotTime, Cause> {
+        self.foreign_usec(u64::try_from(self.unwrapped(ms) * 1000).map_err(|_| Cause::Absurd)?)
     }
 
     /// SYSTEM_TIME: what 1970 means on this clock. Zero (not known) changes nothing.
@@ -111,7 +142,7 @@ impl AutopilotClock {
         if let Ok(unix) = i64::try_from(unix_us)
             && unix >= UNIX_EPOCH_US
         {
-            self.unix_minus_boot_us = Some(unix - i64::from(boot_ms) * 1000);
+            self.unix_minus_boot_us = Some(unix - self.unwrapped(boot_ms) * 1000);
         }
     }
 
@@ -234,6 +265,33 @@ mod tests {
         let b = clock.boot_ms(9).unwrap();
         assert_eq!(b - a, Span::from_millis(20));
         assert_eq!(clock.reboots(), 0);
+    }
+
+    #[test]
+    fn every_stamp_of_milliseconds_is_unwrapped() {
+        // 49.7 days and 10 s after boot.
+        let late_us = u64::try_from(WRAP_US).unwrap() + 10_000_000;
+        let mut clock = AutopilotClock::new();
+        let a = clock.usec(late_us).unwrap();
+        assert_eq!(clock.boot_ms(10_000), Ok(a));
+        // ArduPilot's OPTICAL_FLOW, of the autopilot and of another component.
+        assert_eq!(clock.usec(10_005).map(|t| t - a), Ok(Span::from_millis(5)));
+        assert_eq!(clock.foreign_usec(10_002).map(|t| t - a), Ok(Span::from_millis(2)));
+        clock.system_time(1_790_000_000_000_000, 10_000);
+        assert_eq!(clock.unix_seconds(a), Some(1_790_000_000.0));
+        assert_eq!(clock.usec(1_790_000_000_000_000), Ok(a));
+        assert_eq!((clock.reboots(), clock.take_event()), (0, None));
+    }
+
+    #[test]
+    fn wraps_before_the_first_stamp_are_found_out() {
+        let mut clock = AutopilotClock::new();
+        let a = clock.boot_ms(10_000).unwrap();
+        let b = clock.usec(u64::try_from(3 * WRAP_US).unwrap() + 10_020_000).unwrap();
+        assert_eq!(b - a, Span::from_millis(20));
+        assert_eq!(clock.boot_ms(10_040).map(|c| c - b), Ok(Span::from_millis(20)));
+        assert_eq!(clock.boot_micros(b), 3 * WRAP_US + 10_020_000);
+        assert_eq!((clock.reboots(), clock.take_event()), (0, None));
     }
 
     #[test]
