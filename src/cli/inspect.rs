@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::navigator::sources::landmarks::LandmarkSetup;
-use crate::replay::log::Log;
+use crate::replay::log::{Log, LogSummary};
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
 use crate::wire::frame::Frame;
@@ -120,50 +120,56 @@ pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<
     None
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Failure`].
-pub fn run(args: &InspectArgs) -> Result<(), Failure> {
-    let settings = args.settings.load()?;
-    let log = Log::open(&args.log, settings.system)?;
-    let mut streams = [KindStatistics::default(); SampleKind::ALL.len()];
-    let mut messages: BTreeMap<(u8, u8, u32), (String, u64)> = BTreeMap::new();
-    let mut truth = false;
-    let mut airframe = None;
-    let mut span: Option<(AutopilotTime, AutopilotTime)> = None;
-    let summary = log.play(
-        |frame, _| {
-            let entry = messages
-                .entry((frame.system().0, frame.component().0, frame.message_id()))
-                .or_insert_with(|| (name_of(frame), 0));
-            entry.1 += 1;
-        },
-        |_, item| {
-            let time = match item {
-                Input::Sample(s) => {
-                    if !matches!(s, Sample::Gnss(g) if g.position.is_none()) {
-                        streams[s.kind() as usize].note(s.time());
-                    }
-                    s.time()
+/// Names and numbers of messages, by system, component and id.
+type MessageCounts = BTreeMap<(u8, u8, u32), (String, u64)>;
+
+/// What a log holds for the navigator.
+#[derive(Clone, Debug, Default)]
+struct Contents {
+    kinds: [KindStatistics; SampleKind::ALL.len()],
+    truth: bool,
+    airframe: Option<Airframe>,
+    span: Option<(AutopilotTime, AutopilotTime)>,
+}
+
+impl Contents {
+    fn note(&mut self, input: &Input) {
+        let time = match input {
+            Input::Sample(s) => {
+                if !matches!(s, Sample::Gnss(g) if g.position.is_none()) {
+                    self.kinds[s.kind() as usize].note(s.time());
                 }
-                Input::Reference(r) => {
-                    truth |= matches!(r, Reference::Truth(t) if t.position.is_some());
-                    r.time()
-                }
-                Input::Status(status) => {
-                    airframe = status.airframe;
-                    return;
-                }
-                Input::Origin(_) | Input::Clock(_) => return,
-            };
-            span = Some(span.map_or((time, time), |(a, b)| (a, b.max(time))));
-        },
-    )?;
-    let duration_s = span.map_or(0.0, |(a, b)| b.seconds_since(a));
-    let heard: [u64; SampleKind::ALL.len()] = std::array::from_fn(|i| streams[i].n);
-    let report = InspectReport {
-        log: args.log.display().to_string(),
+                s.time()
+            }
+            Input::Reference(r) => {
+                self.truth |= matches!(r, Reference::Truth(t) if t.position.is_some());
+                r.time()
+            }
+            Input::Status(status) => {
+                self.airframe = status.airframe;
+                return;
+            }
+            Input::Origin(_) | Input::Clock(_) => return,
+        };
+        self.span = Some(self.span.map_or((time, time), |(a, b)| (a, b.max(time))));
+    }
+}
+
+fn report(
+    log: &Log,
+    summary: &LogSummary,
+    contents: &Contents,
+    messages: MessageCounts,
+    landmarks: Option<&LandmarkSetup>,
+) -> InspectReport {
+    let duration_s = contents.span.map_or(0.0, |(a, b)| b.seconds_since(a));
+    let heard: [u64; SampleKind::ALL.len()] = std::array::from_fn(|i| contents.kinds[i].n);
+    let kind = |&k: &SampleKind| {
+        let s = &contents.kinds[k as usize];
+        KindReport { kind: k.label(), count: s.n, rate_hz: s.rate_hz(), longest_gap_s: s.longest_gap_s }
+    };
+    InspectReport {
+        log: log.path().display().to_string(),
         duration_s,
         autopilot: log.vehicle().autopilot.to_string(),
         system: log.vehicle().system.0,
@@ -172,19 +178,8 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
         bad_crc: summary.bad_crc(),
         truncated: summary.truncated,
         reboots: summary.reboots,
-        samples: SampleKind::ALL
-            .iter()
-            .map(|&k| {
-                let s = &streams[k as usize];
-                KindReport {
-                    kind: k.label(),
-                    count: s.n,
-                    rate_hz: s.rate_hz(),
-                    longest_gap_s: s.longest_gap_s,
-                }
-            })
-            .collect(),
-        truth,
+        samples: SampleKind::ALL.iter().map(kind).collect(),
+        truth: contents.truth,
         messages: messages
             .into_iter()
             .map(|((system, component, _), (message, count))| MessageReport {
@@ -194,9 +189,29 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
                 count,
             })
             .collect(),
-        can: abilities(&heard, truth, airframe, settings.pipeline.navigator.landmarks.as_deref()),
+        can: abilities(&heard, contents.truth, contents.airframe, landmarks),
         lacks: lacking(&heard, duration_s),
-    };
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`].
+pub fn run(args: &InspectArgs) -> Result<(), Failure> {
+    let settings = args.settings.load()?;
+    let log = Log::open(&args.log, settings.system)?;
+    let mut contents = Contents::default();
+    let mut messages = MessageCounts::new();
+    let summary = log.play(
+        |frame, _| {
+            let sender = (frame.system().0, frame.component().0, frame.message_id());
+            messages.entry(sender).or_insert_with(|| (name_of(frame), 0)).1 += 1;
+        },
+        |_, input| contents.note(input),
+    )?;
+    let report =
+        report(&log, &summary, &contents, messages, settings.pipeline.navigator.landmarks.as_deref());
     if args.json {
         let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
         outln!("{text}");
@@ -259,16 +274,11 @@ fn abilities(
     can
 }
 
-fn print_report(r: &InspectReport, summary: &crate::replay::log::LogSummary) {
+fn print_report(r: &InspectReport, summary: &LogSummary) {
     outln!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, r.autopilot, r.system);
-    let rejects: Vec<String> = summary.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
-    let rejects = if rejects.is_empty() { "nothing rejected".to_owned() } else { rejects.join(", ") };
-    outln!("  {} frames; {rejects}", r.frames);
-    if r.truncated {
-        outln!("  the log ends in the middle of a record");
-    }
-    if r.reboots > 0 {
-        outln!("  the autopilot rebooted {} times", r.reboots);
+    outln!("  {} frames", r.frames);
+    for remark in summary.remarks() {
+        outln!("  {remark}");
     }
     outln!("\nSamples");
     let mut table = Table::new(&["", "count", "Hz", "longest gap s"]);

@@ -169,15 +169,8 @@ fn print_report(
         r.realtime_factor,
         estimator.label()
     );
-    let rejects: Vec<String> = summary.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
-    if !rejects.is_empty() {
-        outln!("  not used: {}", rejects.join(", "));
-    }
-    if summary.truncated {
-        outln!("  the log ends in the middle of a record");
-    }
-    if summary.reboots > 0 {
-        outln!("  the autopilot rebooted {} times", summary.reboots);
+    for remark in summary.remarks() {
+        outln!("  {remark}");
     }
     print_sources(&r.sources, &outcome.heard);
 

@@ -8,6 +8,7 @@ use crate::navigator::sources::status::{SourceHealth, SourceReport};
 use crate::sample::SampleKind;
 use crate::time::Span;
 use crate::wire::counters::Counters;
+use crate::wire::decode::Repairs;
 
 /// What the daemon counted, at one moment.
 #[derive(Clone, Debug)]
@@ -30,6 +31,8 @@ pub struct Summary {
     pub late: u64,
     /// What was not used, by cause, on the links and in the decoder.
     pub rejects: Counters,
+    /// What was put right in the autopilot's messages.
+    pub repairs: Repairs,
     /// Frames of the autopilot that came on another link than the one that is listened to.
     pub duplicates: u64,
     /// Frames dropped because the daemon did not keep up.
@@ -109,6 +112,9 @@ impl fmt::Display for Summary {
         self.write_sent(f)?;
         for (i, (cause, n)) in self.rejects.seen().enumerate() {
             write!(f, "{} {n} {}", if i == 0 { "; rejected" } else { "," }, cause.label())?;
+        }
+        for (repair, n) in self.repairs.seen() {
+            write!(f, "; {n} {}", repair.label())?;
         }
         match self.timesync {
             Some((offset, round_trip)) => write!(

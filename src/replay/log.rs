@@ -9,7 +9,7 @@ use crate::sample::Input;
 use crate::time::Stamp;
 use crate::wire::clock::AutopilotClock;
 use crate::wire::counters::{Cause, Counters};
-use crate::wire::decode::Decoder;
+use crate::wire::decode::{Decoder, Repairs};
 use crate::wire::frame::{Frame, SystemId};
 use crate::wire::session::identity::{Identity, IdentityConfig, Vehicle};
 use crate::wire::tlog::{TlogReader, describe_foreign};
@@ -78,6 +78,8 @@ pub struct LogSummary {
     pub truncated: bool,
     /// Reboots of the autopilot.
     pub reboots: u32,
+    /// What was put right in its messages.
+    pub repairs: Repairs,
 }
 
 impl Log {
@@ -164,6 +166,7 @@ impl Log {
             frames: reader.counters().frames,
             truncated: reader.truncated(),
             reboots: decoder.clock().reboots(),
+            repairs: decoder.repairs().clone(),
             counters,
         })
     }
@@ -173,6 +176,23 @@ impl LogSummary {
     /// Bytes that belong to no frame.
     pub fn skipped_bytes(&self) -> u64 {
         self.counters.of(Cause::Garbage)
+    }
+
+    /// What is to be said of the log, a line each: what was not used, what was put right, where it breaks off.
+    pub fn remarks(&self) -> Vec<String> {
+        let mut remarks = Vec::new();
+        let rejects: Vec<String> = self.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
+        if !rejects.is_empty() {
+            remarks.push(format!("not used: {}", rejects.join(", ")));
+        }
+        remarks.extend(self.repairs.seen().map(|(repair, n)| format!("{n} {}", repair.label())));
+        if self.truncated {
+            remarks.push("the log ends in the middle of a record".to_owned());
+        }
+        if self.reboots > 0 {
+            remarks.push(format!("the autopilot rebooted {} times", self.reboots));
+        }
+        remarks
     }
 
     /// Damaged frames.

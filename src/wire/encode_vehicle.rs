@@ -133,33 +133,46 @@ pub fn origin(time: AutopilotTime, origin: &Geodetic) -> Option<MavMessage> {
 /// The truth in the message that this autopilot's simulation sends: HIL_STATE_QUATERNION (PX4) or SIM_STATE, which carries no time
 /// and holds for the newest stamp of the stream.
 pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
+    if autopilot == AutopilotKind::Px4 { hil_state(t) } else { sim_state(t) }
+}
+
+/// The attitude as a quaternion, w first.
+fn quaternion(t: &VehicleTruth) -> Option<[f32; 4]> {
     let q = t.attitude.quaternion();
-    let [q1, q2, q3, q4] = [float(q.w)?, float(q.i)?, float(q.j)?, float(q.k)?];
+    Some([float(q.w)?, float(q.i)?, float(q.j)?, float(q.k)?])
+}
+
+fn hil_state(t: &VehicleTruth) -> Option<MavMessage> {
     let [lat, lon] = degrees_e7(&t.position)?;
+    let [rollspeed, pitchspeed, yawspeed] = triple(&t.angular_rate.raw())?;
+    let [vx, vy, vz] = shorts(&(t.velocity.raw() * 100.0))?;
+    let [xacc, yacc, zacc] = shorts(&(t.specific_force.raw() * (1000.0 / STANDARD_GRAVITY_MPS2)))?;
+    Some(MavMessage::HIL_STATE_QUATERNION(apm::HIL_STATE_QUATERNION_DATA {
+        time_usec: boot_usec(t.time)?,
+        attitude_quaternion: quaternion(t)?,
+        rollspeed,
+        pitchspeed,
+        yawspeed,
+        lat,
+        lon,
+        alt: millimetres(t.position.height_m)?,
+        vx,
+        vy,
+        vz,
+        ind_airspeed: UNKNOWN,
+        true_airspeed: UNKNOWN,
+        xacc,
+        yacc,
+        zacc,
+    }))
+}
+
+fn sim_state(t: &VehicleTruth) -> Option<MavMessage> {
+    let [q1, q2, q3, q4] = quaternion(t)?;
+    let [lat_int, lon_int] = degrees_e7(&t.position)?;
     let [xgyro, ygyro, zgyro] = triple(&t.angular_rate.raw())?;
-    if autopilot == AutopilotKind::Px4 {
-        let [vx, vy, vz] = shorts(&(t.velocity.raw() * 100.0))?;
-        let [xacc, yacc, zacc] = shorts(&(t.specific_force.raw() * (1000.0 / STANDARD_GRAVITY_MPS2)))?;
-        return Some(MavMessage::HIL_STATE_QUATERNION(apm::HIL_STATE_QUATERNION_DATA {
-            time_usec: boot_usec(t.time)?,
-            attitude_quaternion: [q1, q2, q3, q4],
-            rollspeed: xgyro,
-            pitchspeed: ygyro,
-            yawspeed: zgyro,
-            lat,
-            lon,
-            alt: millimetres(t.position.height_m)?,
-            vx,
-            vy,
-            vz,
-            ind_airspeed: UNKNOWN,
-            true_airspeed: UNKNOWN,
-            xacc,
-            yacc,
-            zacc,
-        }));
-    }
     let euler = Euler::from_rotation(t.attitude.matrix());
+    let [roll, pitch, yaw] = [float(euler.roll_rad)?, float(euler.pitch_rad)?, float(euler.yaw_rad)?];
     let [vn, ve, vd] = triple(&t.velocity.raw())?;
     let [xacc, yacc, zacc] = triple(&t.specific_force.raw())?;
     Some(MavMessage::SIM_STATE(apm::SIM_STATE_DATA {
@@ -167,9 +180,9 @@ pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
         q2,
         q3,
         q4,
-        roll: float(euler.roll_rad)?,
-        pitch: float(euler.pitch_rad)?,
-        yaw: float(euler.yaw_rad)?,
+        roll,
+        pitch,
+        yaw,
         xacc,
         yacc,
         zacc,
@@ -184,8 +197,8 @@ pub fn truth(autopilot: AutopilotKind, t: &VehicleTruth) -> Option<MavMessage> {
         vn,
         ve,
         vd,
-        lat_int: lat,
-        lon_int: lon,
+        lat_int,
+        lon_int,
     }))
 }
 

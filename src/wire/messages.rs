@@ -155,9 +155,11 @@ pub fn is_input(id: u32) -> bool {
     meaning_of(id).is_some_and(|m| m != Meaning::Conversation)
 }
 
-/// Whether a message is taken from every component of the vehicle, and not from its autopilot alone.
+/// Whether a message is taken from every component of the vehicle, and not from its autopilot alone: what cameras, flow sensors and
+/// rangefinders send themselves. RANGEFINDER has neither a stamp nor the number of a sensor.
 pub fn from_any_component(id: u32) -> bool {
-    meaning_of(id) == Some(Meaning::Landmark)
+    id != apm::RANGEFINDER_DATA::ID
+        && matches!(meaning_of(id), Some(Meaning::Flow | Meaning::Range | Meaning::Landmark))
 }
 
 /// The dialect's name of a message, used here or not; `None` for one that it does not know.

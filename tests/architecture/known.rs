@@ -8,11 +8,10 @@ pub const FIELDS: &[(&str, usize)] = &[("NavigatorSettings", 18)];
 pub const IMPL_FILES: &[(&str, usize)] = &[];
 
 /// Functions of more than 60 lines.
-pub const LINES: &[(&str, usize)] = &[("run", 81)];
+pub const LINES: &[(&str, usize)] = &[];
 
 /// Functions of more than 15 branches.
-pub const BRANCHES: &[(&str, usize)] =
-    &[("Decoder::message", 28), ("FaultCase::faults", 23), ("solve_velocity", 16), ("truth", 20)];
+pub const BRANCHES: &[(&str, usize)] = &[("FaultCase::faults", 23), ("solve_velocity", 16)];
 
 /// Type names that stand in more than one file.
 pub const NAMES: &[(&str, usize)] = &[("Profile", 2), ("Row", 2), ("Step", 2), ("Verdict", 2)];

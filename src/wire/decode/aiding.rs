@@ -11,7 +11,9 @@ use crate::sample::{
 use crate::time::Span;
 
 use super::super::frame::ComponentId;
-use super::{Cause, Decoder, Out, finite, within};
+use super::super::messages::Meaning;
+use super::repeats::{Novelty, Repeats};
+use super::{Cause, Decoder, Out, Repair, finite, within};
 
 /// Flow faster than this is no flow, rad/s (good sensors end at 7).
 const MAX_FLOW: f64 = 50.0;
@@ -21,9 +23,21 @@ const FACING_DOWN: u8 = 25;
 /// MAV_FRAME_BODY_FRD and its older name MAV_FRAME_BODY_NED: x, y and z from the vehicle in its own axes.
 const BODY_FRAMES: [u8; 2] = [12, 8];
 
+/// What one flow sensor told last: the bits of its numbers, and its quality.
+#[derive(Clone, Debug)]
+pub(super) struct FlowReadings {
+    sensor: u8,
+    repeats: Option<Repeats<([u32; 6], u8)>>,
+}
+
 impl Decoder {
-    pub(super) fn optical_flow(&mut self, m: &apm::OPTICAL_FLOW_DATA, out: Out<'_>) -> Result<(), Cause> {
-        let time = self.clock.usec(m.time_usec)?;
+    pub(super) fn optical_flow(
+        &mut self,
+        m: &apm::OPTICAL_FLOW_DATA,
+        from: ComponentId,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        let time = self.stamped_usec(m.time_usec, from)?;
         let quality = f64::from(m.quality) / 255.0;
         let rates =
             [within(m.flow_rate_x, -MAX_FLOW, MAX_FLOW)?, within(m.flow_rate_y, -MAX_FLOW, MAX_FLOW)?];
@@ -50,16 +64,53 @@ impl Decoder {
             quality,
             distance_m: None,
         };
-        out.push(Input::Sample(Sample::Flow(sample)));
+        // The counts of the sensor itself are compared, too: a new reading may come to the same rate.
+        let reading = [
+            m.flow_comp_m_x,
+            m.flow_comp_m_y,
+            m.flow_rate_x,
+            m.flow_rate_y,
+            f32::from(m.flow_x),
+            f32::from(m.flow_y),
+        ];
+        self.flow_reading(sample, from, reading, m.quality, out);
         Ok(())
+    }
+
+    /// Passes a flow on if it is a new reading of its sensor.
+    fn flow_reading(
+        &mut self,
+        mut sample: FlowSample,
+        from: ComponentId,
+        told: [f32; 6],
+        quality: u8,
+        out: Out<'_>,
+    ) {
+        if !self.prefers(Meaning::Flow, sample.sensor, from, sample.time) {
+            return;
+        }
+        // Bits: the gyro's NaN has to be equal to itself.
+        let reading = (told.map(f32::to_bits), quality);
+        let known = self.flows.iter().position(|f| f.sensor == sample.sensor);
+        let place = known.unwrap_or_else(|| {
+            self.flows.push(FlowReadings { sensor: sample.sensor, repeats: None });
+            self.flows.len() - 1
+        });
+        match Repeats::judge(&mut self.flows[place].repeats, sample.time, reading) {
+            Novelty::Repeated => return self.repairs.count(Repair::FlowRepeated),
+            Novelty::New(Some(interval)) if sample.interval == Span::ZERO => sample.interval = interval,
+            Novelty::New(_) | Novelty::Held => {}
+        }
+        out.push(Input::Sample(Sample::Flow(sample)));
     }
 
     pub(super) fn optical_flow_rad(
         &mut self,
         m: &apm::OPTICAL_FLOW_RAD_DATA,
+        from: ComponentId,
         out: Out<'_>,
     ) -> Result<(), Cause> {
-        let time = self.clock.usec(m.time_usec)?;
+        let time = self.stamped_usec(m.time_usec, from)?;
         let interval = Span::from_micros(i64::from(m.integration_time_us));
         let dt = interval.seconds();
         if !(1e-4..=1.0).contains(&dt) {
@@ -86,16 +137,23 @@ impl Decoder {
             quality: f64::from(m.quality) / 255.0,
             distance_m: (distance.is_finite() && distance > 0.0).then_some(distance),
         };
-        out.push(Input::Sample(Sample::Flow(sample)));
+        let span = m.integration_time_us as f32;
+        let reading =
+            [m.integrated_x, m.integrated_y, m.integrated_xgyro, m.integrated_ygyro, span, m.distance];
+        self.flow_reading(sample, from, reading, m.quality, out);
         Ok(())
     }
 
     pub(super) fn distance_sensor(
         &mut self,
         m: &apm::DISTANCE_SENSOR_DATA,
+        from: ComponentId,
         out: Out<'_>,
     ) -> Result<(), Cause> {
-        let time = self.clock.boot_ms(m.time_boot_ms)?;
+        let time = self.stamped_ms(m.time_boot_ms, from)?;
+        if !self.prefers(Meaning::Range, m.id, from, time) {
+            return Ok(());
+        }
         let cm = |v: u16| f64::from(v) * 0.01;
         let direction = match m.orientation as u8 {
             FACING_DOWN => RangeDirection::Down,
@@ -152,8 +210,11 @@ impl Decoder {
         from: ComponentId,
         out: Out<'_>,
     ) -> Result<(), Cause> {
-        let own = self.vehicle.is_some_and(|(_, component)| component == from);
-        let time = if own { self.clock.usec(m.time_usec)? } else { self.clock.foreign_usec(m.time_usec)? };
+        let time = if self.is_own(from) {
+            self.clock.usec(m.time_usec)?
+        } else {
+            self.clock.foreign_usec(m.time_usec)?
+        };
         let sighting = if matches!(m.position_valid, apm::MavBool::MAV_BOOL_TRUE) {
             if !BODY_FRAMES.contains(&(m.frame as u8)) {
                 return Err(Cause::ForeignFrame);

@@ -4,10 +4,12 @@ use mavlink::dialects::ardupilotmega as apm;
 
 use crate::geo::Geodetic;
 use crate::sample::{GnssFix, GnssSample, GroundVelocity, Input, Sample};
+use crate::time::{AutopilotTime, Span};
 
-use super::{Cause, Decoder, Out};
+use super::{Cause, Decoder, Out, Repair};
 
 /// What GPS_RAW_INT and GPS2_RAW have in common.
+#[derive(Clone, Copy, Debug)]
 struct RawFix {
     time_usec: u64,
     fix: apm::GpsFixType,
@@ -35,6 +37,28 @@ macro_rules! raw {
     };
 }
 
+impl RawFix {
+    /// Whether it tells the same as another, whatever its stamp, accuracies and satellites.
+    fn tells_what(&self, other: &Self) -> bool {
+        let told = |f: &Self| (f.fix as u8, f.lat_lon_e7, f.alt_mm, f.vel_cms, f.cog_cdeg);
+        told(self) == told(other)
+    }
+}
+
+/// A stamp that stays the same for longer while the fix changes is none.
+const CONSTANT: Span = Span::from_millis(1500);
+/// Fixes without stamps that tell the same are one for so long.
+const SAME_FIX: Span = Span::from_millis(200);
+
+/// What the stamps of one receiver are worth.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Receiver {
+    /// The fix before, and when it was taken.
+    last: Option<(RawFix, AutopilotTime)>,
+    /// Since when the stamp has been what it is.
+    stamp_since: Option<AutopilotTime>,
+}
+
 impl Decoder {
     pub(super) fn gps_raw_int(&mut self, m: &apm::GPS_RAW_INT_DATA, out: Out<'_>) -> Result<(), Cause> {
         let raw = raw!(m);
@@ -54,7 +78,8 @@ impl Decoder {
             _ => GnssFix::Corrected,
         };
         // A lost receiver repeats its last stamp or sends zero: the word "no fix" is new all the same.
-        let time = if fix == GnssFix::None { self.now()? } else { self.clock.usec(raw.time_usec)? };
+        let time = if fix == GnssFix::None { Some(self.now()?) } else { self.time_of_fix(receiver, raw)? };
+        let Some(time) = time else { return Ok(()) };
         let position = (fix > GnssFix::None).then(|| position(raw.lat_lon_e7, raw.alt_mm)).transpose()?;
         let sample = GnssSample {
             time,
@@ -69,6 +94,33 @@ impl Decoder {
         };
         out.push(Input::Sample(Sample::Gnss(sample)));
         Ok(())
+    }
+}
+
+impl Decoder {
+    /// When a fix was measured; `None` for one that was sent before. The receiver's stamp where it is one on the autopilot's clock, else
+    /// the newest time of the stream: PX4 stamps with 0 while the receiver tells no UTC, others with 1970 before the autopilot says what
+    /// that is, or with the same for ever.
+    fn time_of_fix(&mut self, receiver: u8, raw: &RawFix) -> Result<Option<AutopilotTime>, Cause> {
+        let Ok(now) = self.now() else { return self.clock.usec(raw.time_usec).map(Some) };
+        let state = &mut self.receivers[usize::from(receiver.min(1))];
+        let last = state.last;
+        let same_stamp = last.is_some_and(|(before, _)| before.time_usec == raw.time_usec);
+        let since = *state.stamp_since.filter(|_| same_stamp).get_or_insert(now);
+        state.stamp_since = Some(since);
+        let repeated = last.filter(|(before, _)| before.tells_what(raw)).map(|(_, taken)| now - taken);
+        let constant = same_stamp && now - since > CONSTANT && repeated.is_none();
+        let usable = raw.time_usec != 0 && !constant && self.clock.foreign_usec(raw.time_usec).is_ok();
+        if repeated.is_some_and(|age| if usable { same_stamp } else { age < SAME_FIX }) {
+            self.repairs.count(Repair::GnssRepeated);
+            return Ok(None);
+        }
+        self.receivers[usize::from(receiver.min(1))].last = Some((*raw, now));
+        if usable {
+            return self.clock.usec(raw.time_usec).map(Some);
+        }
+        self.repairs.count(Repair::GnssByArrival);
+        Ok(Some(now))
     }
 }
 

@@ -7,14 +7,15 @@ use crate::geo::{Body, STANDARD_GRAVITY_MPS2};
 use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
 use crate::time::AutopilotTime;
 
-use super::{Cause, Decoder, Out, finite, within};
+use super::{Cause, Decoder, Out, Repair, finite, within};
 
 const TESLA_PER_GAUSS: f64 = 1e-4;
 /// Beyond any sensor a small vehicle carries (±16 g to ±32 g; ±2000 °/s to ±4000 °/s).
 const MAX_SPECIFIC_FORCE: f64 = 400.0;
 const MAX_ANGULAR_RATE: f64 = 80.0;
-/// The geomagnetic field is 22 to 67 µT; a sensor that was never written reports zero.
-const FIELD_T: std::ops::RangeInclusive<f64> = 5e-6..=3e-4;
+/// Places of [`Decoder`]'s field units.
+const HIGHRES_FIELD: usize = 0;
+const MILLI_FIELD: usize = 1;
 
 impl Decoder {
     pub(super) fn highres_imu(&mut self, m: &apm::HIGHRES_IMU_DATA, out: Out<'_>) -> Result<(), Cause> {
@@ -27,7 +28,7 @@ impl Decoder {
         self.inertial(0, time, rate, force, out)?;
         if m.fields_updated.contains(apm::HighresImuUpdatedFlags::HIGHRES_IMU_UPDATED_XMAG) {
             let field = finite(m.xmag, m.ymag, m.zmag)? * TESLA_PER_GAUSS;
-            magnetic(time, 0, field, out)?;
+            self.magnetic(HIGHRES_FIELD, time, field, out)?;
         }
         if m.fields_updated.contains(apm::HighresImuUpdatedFlags::HIGHRES_IMU_UPDATED_ABS_PRESSURE)
             && self.pressure.take(1, time)
@@ -80,7 +81,7 @@ impl Decoder {
             |i: usize| Vector3::new(f64::from(raw[i]), f64::from(raw[i + 1]), f64::from(raw[i + 2])) * 1e-3;
         let used = self.inertial(rank, time, v(3), v(0) * STANDARD_GRAVITY_MPS2, out)?;
         if used && raw[6..] != [0, 0, 0] {
-            magnetic(time, 0, v(6) * TESLA_PER_GAUSS, out)?;
+            self.magnetic(MILLI_FIELD, time, v(6) * TESLA_PER_GAUSS, out)?;
         }
         Ok(())
     }
@@ -97,9 +98,10 @@ impl Decoder {
         if specific_force_body.amax() > MAX_SPECIFIC_FORCE || angular_rate_body.amax() > MAX_ANGULAR_RATE {
             return Err(Cause::Absurd);
         }
-        // An accelerometer in flight or at rest never reads exactly zero on all axes: the message is a shell without a sensor.
+        // An accelerometer in flight or at rest never reads exactly zero on all axes: the message is a shell without a sensor, as
+        // SCALED_IMU3 of a vehicle that has no third one.
         if specific_force_body == Vector3::zeros() {
-            return Err(Cause::Absurd);
+            return if angular_rate_body == Vector3::zeros() { Ok(false) } else { Err(Cause::Absurd) };
         }
         let used = self.imu.take(rank, time);
         if used {
@@ -108,6 +110,33 @@ impl Decoder {
             out.push(Input::Sample(Sample::Imu(ImuSample { time, angular_rate, specific_force })));
         }
         Ok(used)
+    }
+
+    fn magnetic(
+        &mut self,
+        stream: usize,
+        time: AutopilotTime,
+        field: Vector3<f64>,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        let Some((field, off)) = self.field_units[stream].put_right(field) else {
+            // Before its first measurement a magnetometer is reported as zero: no news, not a fault.
+            return if field == Vector3::zeros() { Ok(()) } else { Err(Cause::Absurd) };
+        };
+        if off != 0 {
+            self.repairs.count(Repair::FieldUnit(off));
+        }
+        out.push(Input::Sample(Sample::Mag(MagSample { time, sensor: 0, field: Body::new(field) })));
+        Ok(())
+    }
+
+    pub(super) fn scaled_pressure(
+        &mut self,
+        m: &apm::SCALED_PRESSURE_DATA,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        self.differential_pressure(m.press_diff);
+        self.pressure(0, m.time_boot_ms, m.press_abs, out)
     }
 
     pub(super) fn pressure(&mut self, sensor: u8, boot_ms: u32, hpa: f32, out: Out<'_>) -> Result<(), Cause> {
@@ -125,13 +154,4 @@ fn pressure_sample(time: AutopilotTime, sensor: u8, hpa: f32) -> Result<Sample, 
     // From 20 km of height to the deepest valley.
     let pressure_pa = within(hpa, 50.0, 1200.0)? * 100.0;
     Ok(Sample::Pressure(PressureSample { time, sensor, pressure_pa }))
-}
-
-fn magnetic(time: AutopilotTime, sensor: u8, field_body: Vector3<f64>, out: Out<'_>) -> Result<(), Cause> {
-    if !FIELD_T.contains(&field_body.norm()) {
-        // Before its first measurement a magnetometer is reported as zero: no news, not a fault.
-        return if field_body == Vector3::zeros() { Ok(()) } else { Err(Cause::Absurd) };
-    }
-    out.push(Input::Sample(Sample::Mag(MagSample { time, sensor, field: Body::new(field_body) })));
-    Ok(())
 }

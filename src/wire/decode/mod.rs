@@ -4,11 +4,18 @@
 //! measurement several times (HIGHRES_IMU and RAW_IMU, say); `Preference` takes the best source that is alive.
 
 mod aiding;
+mod field_unit;
+mod foreign;
 mod gnss;
 mod imu;
 mod reference;
+mod repair;
+mod repeats;
 mod status;
+#[cfg(test)]
+mod tests;
 
+use mavlink::dialects::ardupilotmega as apm;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
@@ -20,6 +27,12 @@ use super::counters::{Cause, Counters};
 use super::frame::{ComponentId, Frame, SystemId, cause_of};
 use super::messages::{from_any_component, is_input};
 use super::session::identity::{AutopilotKind, Vehicle};
+
+use aiding::FlowReadings;
+use field_unit::FieldUnit;
+use foreign::OwnSensors;
+use gnss::Receiver;
+pub use repair::{Repair, Repairs};
 
 /// How the two autopilots fill the same messages differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +67,12 @@ pub struct Decoder {
     pressure: Preference<2>,
     range: Preference<2>,
     attitude: Preference<2>,
+    receivers: [Receiver; 2],
+    /// Of HIGHRES_IMU, and of RAW_IMU and SCALED_IMU.
+    field_units: [FieldUnit; 2],
+    flows: Vec<FlowReadings>,
+    own_sensors: OwnSensors,
+    repairs: Repairs,
     status: Option<VehicleStatus>,
     /// Whether there is a pitot tube, once that is known.
     pitot: Option<bool>,
@@ -77,6 +96,11 @@ impl Decoder {
             pressure: Preference::default(),
             range: Preference::default(),
             attitude: Preference::default(),
+            receivers: [Receiver::default(); 2],
+            field_units: [FieldUnit::default(); 2],
+            flows: Vec::new(),
+            own_sensors: OwnSensors::default(),
+            repairs: Repairs::default(),
             status: None,
             pitot: None,
         }
@@ -98,6 +122,16 @@ impl Decoder {
         &self.counters
     }
 
+    /// What was put right so far.
+    pub fn repairs(&self) -> &Repairs {
+        &self.repairs
+    }
+
+    /// A repair that goes on and was not told yet.
+    pub fn take_repair_news(&mut self) -> Option<Repair> {
+        self.repairs.take_news()
+    }
+
     /// Decodes `frame` and appends what it told to `out`. Frames of other systems, and anything rejected, are counted.
     pub fn decode(&mut self, frame: &Frame<'_>, out: &mut Vec<Input>) {
         if self.vehicle != Some((frame.system(), frame.component())) {
@@ -113,7 +147,9 @@ impl Decoder {
             return;
         }
         let result = match frame.parse() {
-            Ok(MavMessage::LANDING_TARGET(m)) => self.landing_target(&m, frame.component(), out),
+            Ok(message) if from_any_component(frame.message_id()) => {
+                self.from_any(&message, frame.component(), out)
+            }
             Ok(message) => self.message(&message, out),
             Err(error) => Err(cause_of(&error)),
         };
@@ -138,22 +174,12 @@ impl Decoder {
             MavMessage::GPS_RAW_INT(m) => self.gps_raw_int(m, out),
             MavMessage::GPS2_RAW(m) => self.gps2_raw(m, out),
             MavMessage::GPS_GLOBAL_ORIGIN(m) => gnss::origin(m).map(|o| out.push(Input::Origin(o))),
-            MavMessage::SCALED_PRESSURE(m) => {
-                self.differential_pressure(m.press_diff);
-                self.pressure(0, m.time_boot_ms, m.press_abs, out)
-            }
+            MavMessage::SCALED_PRESSURE(m) => self.scaled_pressure(m, out),
             MavMessage::SCALED_PRESSURE2(m) => self.pressure(1, m.time_boot_ms, m.press_abs, out),
             MavMessage::SCALED_PRESSURE3(m) => self.pressure(2, m.time_boot_ms, m.press_abs, out),
-            MavMessage::OPTICAL_FLOW(m) => self.optical_flow(m, out),
-            MavMessage::OPTICAL_FLOW_RAD(m) => self.optical_flow_rad(m, out),
-            MavMessage::DISTANCE_SENSOR(m) => self.distance_sensor(m, out),
             MavMessage::RANGEFINDER(m) => self.rangefinder(m, out),
             MavMessage::VFR_HUD(m) => self.airspeed(m.airspeed, out),
-            MavMessage::SYSTEM_TIME(m) => {
-                self.clock.boot_ms(m.time_boot_ms)?;
-                self.clock.system_time(m.time_unix_usec, m.time_boot_ms);
-                Ok(())
-            }
+            MavMessage::SYSTEM_TIME(m) => self.system_time(m),
             MavMessage::SIM_STATE(m) => self.sim_state(m, out),
             MavMessage::SIMSTATE(m) => self.simstate(m, out),
             MavMessage::HIL_STATE_QUATERNION(m) => self.hil_state(m, out),
@@ -163,6 +189,23 @@ impl Decoder {
             MavMessage::GLOBAL_POSITION_INT(m) => self.global_position(m, out),
             _ => Ok(()),
         }
+    }
+
+    /// A measurement that any component of the vehicle may make.
+    fn from_any(&mut self, message: &MavMessage, from: ComponentId, out: Out<'_>) -> Result<(), Cause> {
+        match message {
+            MavMessage::OPTICAL_FLOW(m) => self.optical_flow(m, from, out),
+            MavMessage::OPTICAL_FLOW_RAD(m) => self.optical_flow_rad(m, from, out),
+            MavMessage::DISTANCE_SENSOR(m) => self.distance_sensor(m, from, out),
+            MavMessage::LANDING_TARGET(m) => self.landing_target(m, from, out),
+            _ => Ok(()),
+        }
+    }
+
+    fn system_time(&mut self, m: &apm::SYSTEM_TIME_DATA) -> Result<(), Cause> {
+        self.clock.boot_ms(m.time_boot_ms)?;
+        self.clock.system_time(m.time_unix_usec, m.time_boot_ms);
+        Ok(())
     }
 
     /// The newest time of the stream, for messages that carry none.
