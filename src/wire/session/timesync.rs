@@ -3,16 +3,18 @@
 //! We ask with `tc1 = 0` and a number of our own in `ts1`; the autopilot answers with its clock (nanoseconds since boot) in
 //! `tc1` and our number in `ts1`. With the send time t0, the receive time t1 and the answer T, taken to be from half way,
 //! offset = T − (t0 + t1)/2 and |error| ≤ (t1 − t0)/2 (Cristian 1989, "Probabilistic clock synchronization", eq. 1-4). Answers
-//! with the shortest round trips bound it best, so the offset is the mean over those in a window that are near the shortest.
+//! with the shortest round trips bound it best, so the estimate is a line through those in a window that are near the shortest
+//! (`clock_line`).
 //!
 //! Each answer bounds the true offset on its own. Several answers in a row that agree with each other and contradict the
-//! estimate's bound mean that the autopilot's clock was set anew: it rebooted.
+//! estimate's bound mean that the autopilot's clock slipped, or, by a second or more, that it was set anew: it rebooted.
 
 use std::collections::VecDeque;
 
 use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
 
 use super::Address;
+use super::clock_line::{ClockLine, ClockReading};
 use crate::time::{Companion, Span, Stamp};
 
 /// Settings of [`TimeSync`].
@@ -66,6 +68,8 @@ pub struct TimeSyncCounters {
     pub contradictions: u64,
     /// Times that the autopilot's clock was set anew.
     pub steps: u64,
+    /// Times that it slipped by less than a second.
+    pub slips: u64,
 }
 
 /// What a TIMESYNC message led to.
@@ -85,6 +89,11 @@ pub enum TimeSyncHeard {
         /// New offset less old offset.
         step: Span,
     },
+    /// The autopilot's clock slipped by less than a second: a simulation that stood still for a moment. The estimate goes on from there.
+    Slipped {
+        /// New offset less what the old line says.
+        slip: Span,
+    },
     /// Of no use; counted.
     Ignored,
 }
@@ -95,21 +104,13 @@ struct OpenQuestion {
     sent: Stamp<Companion>,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct ClockReading {
-    offset: Span,
-    round_trip: Span,
-    at: Stamp<Companion>,
-}
-
 /// Questions that may be under way at once; older ones are given up.
 const MAX_OPEN: usize = 32;
 /// Samples in the window.
 const MAX_SAMPLES: usize = 16;
-/// Slack between two bounds, for clocks that are read late.
-const SLACK: Span = Span::from_millis(10);
-/// Relative drift between two clocks that is taken as possible (crystals are good to 1e-4).
-const MAX_DRIFT: f64 = 2e-4;
+/// A change of the offset from here on means that the clock was set: that of an autopilot that reboots falls to zero. A smaller one is a
+/// slip: the simulation stood still, or ran after its time.
+const SET: Span = Span::from_millis(1000);
 
 /// Estimates the offset of the autopilot's clock, and answers its questions for ours.
 #[derive(Clone, Debug)]
@@ -120,7 +121,7 @@ pub struct TimeSync {
     open: VecDeque<OpenQuestion>,
     samples: VecDeque<ClockReading>,
     suspects: VecDeque<ClockReading>,
-    estimate: Option<ClockReading>,
+    estimate: Option<ClockLine>,
     used_in_window: usize,
     next_ask: Option<Stamp<Companion>>,
     counters: TimeSyncCounters,
@@ -143,9 +144,14 @@ impl TimeSync {
         }
     }
 
-    /// Autopilot clock less companion clock, once there was a usable answer.
+    /// Autopilot clock less companion clock at the newest answer, once there was a usable one.
     pub fn offset(&self) -> Option<Span> {
         self.estimate.map(|e| e.offset)
+    }
+
+    /// The same at another time, by the rate at which the clocks drift apart.
+    pub fn offset_at(&self, now: Stamp<Companion>) -> Option<Span> {
+        self.estimate.map(|e| e.offset_at(now))
     }
 
     /// The shortest recent round trip; the offset is good to half of it.
@@ -226,7 +232,7 @@ impl TimeSync {
     }
 
     fn measured(&mut self, sample: ClockReading) -> TimeSyncHeard {
-        if self.estimate.is_some_and(|estimate| contradict(&estimate, &sample)) {
+        if self.estimate.is_some_and(|estimate| estimate.contradicts(&sample)) {
             return self.suspect(sample);
         }
         self.suspects.clear();
@@ -246,7 +252,7 @@ impl TimeSync {
 
     fn suspect(&mut self, sample: ClockReading) -> TimeSyncHeard {
         self.counters.contradictions += 1;
-        if self.suspects.iter().any(|s| contradict(s, &sample)) {
+        if self.suspects.iter().any(|s| s.contradicts(&sample)) {
             self.suspects.clear();
         }
         self.suspects.push_back(sample);
@@ -255,39 +261,29 @@ impl TimeSync {
         if self.suspects.len() < self.config.step_confirmations {
             return TimeSyncHeard::Ignored;
         }
-        let before = self.estimate.map_or(Span::ZERO, |e| e.offset);
+        let before = self.estimate.map_or(Span::ZERO, |e| e.offset_at(sample.at));
         self.samples = std::mem::take(&mut self.suspects);
         self.update();
-        self.counters.steps += 1;
         let after = self.estimate.map_or(Span::ZERO, |e| e.offset);
-        TimeSyncHeard::Stepped { step: Span::from_micros(after.micros().saturating_sub(before.micros())) }
+        let step = Span::from_micros(after.micros().saturating_sub(before.micros()));
+        if step.micros().unsigned_abs() < SET.micros().unsigned_abs() {
+            self.counters.slips += 1;
+            return TimeSyncHeard::Slipped { slip: step };
+        }
+        // The rate of a clock that was set is another.
+        self.estimate = self.estimate.map(|e| ClockLine { rate: None, ..e });
+        self.counters.steps += 1;
+        TimeSyncHeard::Stepped { step }
     }
 
-    /// Takes the mean over the samples near the shortest round trip; true if the newest is one of them.
+    /// Fits the estimate to the samples near the shortest round trip; true if the newest is one of them.
     fn update(&mut self) -> bool {
-        let (Some(newest), Some(best)) =
-            (self.samples.back().copied(), self.samples.iter().map(|s| s.round_trip).min())
-        else {
-            return false;
-        };
-        let near = |s: &ClockReading| s.round_trip.micros() <= best.micros() + best.micros() / 2 + 500;
-        // Differences to the newest are small, so the sum cannot overflow whatever the offsets are.
-        let (sum, n) = self.samples.iter().filter(|s| near(s)).fold((0i128, 0i128), |(sum, n), s| {
-            (sum + i128::from(s.offset.micros()) - i128::from(newest.offset.micros()), n + 1)
-        });
-        let mean = i64::try_from(i128::from(newest.offset.micros()) + sum / n.max(1));
-        let offset = mean.map_or(newest.offset, Span::from_micros);
-        self.used_in_window = usize::try_from(n).unwrap_or(0);
-        self.estimate = Some(ClockReading { offset, round_trip: best, at: newest.at });
-        near(&newest)
+        let before = self.estimate.and_then(|e| e.rate);
+        let Some((line, n)) = ClockLine::fit(self.samples.iter(), before) else { return false };
+        self.used_in_window = n;
+        self.estimate = Some(line);
+        self.samples.back().is_some_and(|newest| newest.is_near(line.round_trip))
     }
-}
-
-/// Whether the bounds of two samples have no offset in common, drift allowed for.
-fn contradict(a: &ClockReading, b: &ClockReading) -> bool {
-    let drift = Span::from_seconds((b.at - a.at).seconds().abs() * MAX_DRIFT);
-    let bound = (a.round_trip.micros() + b.round_trip.micros()) / 2 + SLACK.micros() + drift.micros();
-    a.offset.micros().abs_diff(b.offset.micros()) > u64::try_from(bound).unwrap_or(0)
 }
 
 fn timesync(tc1: i64, ts1: i64, to: Address) -> TIMESYNC_DATA {
@@ -413,6 +409,40 @@ mod tests {
         }
         assert!(worst <= 450, "{worst} us");
         assert_eq!(sync.counters().steps, 0);
+    }
+
+    /// Answers for `seconds` of a clock that gains `rate` and stands still for `slip_us` each `every` seconds. The worst error of the
+    /// offset 0.9 s after each answer, µs, and what is counted.
+    fn simulated(seconds: i64, rate: f64, slip_us: i64, every: i64) -> (i64, TimeSyncCounters) {
+        let mut sync = sync();
+        let (mut worst, mut slipped) = (0, 0);
+        for ms in 1..seconds * 1000 {
+            slipped += if ms % (every * 1000) == 0 { slip_us } else { 0 };
+            let offset = |ms: i64| 5_000_000 + (ms as f64 * 1000.0 * rate) as i64 - slipped;
+            let heard = exchange(&mut sync, ms * 1000, offset(ms), 300, 300);
+            let settled = ms > 20_000 && (slip_us == 0 || ms % (every * 1000) > 5000);
+            if heard.is_some() && settled {
+                let later = sync.offset_at(us((ms + 900) * 1000)).unwrap().micros();
+                worst = worst.max((later - offset(ms + 900)).abs());
+            }
+        }
+        (worst, sync.counters())
+    }
+
+    #[test]
+    fn a_clock_that_runs_one_percent_off_is_followed_and_not_set() {
+        for rate in [0.01, -0.01, 0.03] {
+            let (worst, counters) = simulated(120, rate, 0, 1000);
+            assert_eq!((counters.steps, counters.slips, counters.contradictions), (0, 0, 0), "{rate}");
+            assert!(worst < 500, "{rate}: {worst} us");
+        }
+    }
+
+    #[test]
+    fn a_slip_is_a_slip() {
+        let (worst, counters) = simulated(300, -0.01, 20_000, 20);
+        assert_eq!((counters.steps, counters.slips), (0, 14), "{counters:?}");
+        assert!(worst < 3000, "{worst} us");
     }
 
     #[test]
