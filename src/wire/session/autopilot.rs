@@ -108,11 +108,19 @@ impl AutopilotSession {
         }
     }
 
-    /// Autopilot or link began anew: what was asked for is forgotten, and the clock may be another.
+    /// The link began anew: what was asked for may be forgotten, and the clock may be another.
     pub fn restart(&mut self) {
         if let Some(dialogue) = &mut self.dialogue {
             dialogue.sync.restart();
             dialogue.requests.restart();
+        }
+    }
+
+    /// The autopilot rebooted: it knows nothing of what it was asked for, and its clock began anew.
+    pub fn reboot(&mut self) {
+        if let Some(dialogue) = &mut self.dialogue {
+            dialogue.sync.restart();
+            dialogue.requests.reboot();
         }
     }
 
@@ -135,7 +143,7 @@ impl AutopilotSession {
     fn boot_now(&self, now: Stamp<Companion>, clock: &AutopilotClock) -> Option<i64> {
         let stamped =
             self.newest.map(|(time, at)| clock.boot_micros(time).saturating_add((now - at).micros()));
-        let offset = self.dialogue.as_ref().and_then(|d| d.sync.offset());
+        let offset = self.dialogue.as_ref().and_then(|d| d.sync.offset_at(now));
         let synced = offset.map(|o| now.micros().saturating_add(o.micros()));
         match (synced, stamped) {
             (Some(synced), Some(stamped))
@@ -205,10 +213,15 @@ impl Dialogue {
                 Reply { answer: Some(MavMessage::TIMESYNC(answer)), clock_set: None }
             }
             TimeSyncHeard::Stepped { step } => {
-                self.requests.restart();
+                // A clock that falls back is that of an autopilot that rebooted, and has forgotten what it was asked for.
+                if step < Span::ZERO {
+                    self.requests.reboot();
+                }
                 Reply { answer: None, clock_set: Some(step) }
             }
-            TimeSyncHeard::Measured { .. } | TimeSyncHeard::Ignored => Reply::default(),
+            TimeSyncHeard::Measured { .. } | TimeSyncHeard::Slipped { .. } | TimeSyncHeard::Ignored => {
+                Reply::default()
+            }
         }
     }
 }

@@ -4,10 +4,12 @@
 //! link, so a test plays an hour of flight in a millisecond, and the same messages at the same times give the same answers.
 
 pub mod autopilot;
+mod clock_line;
 pub mod heartbeat;
 pub mod heartbeat_fields;
 pub mod identity;
 pub mod outgoing;
+mod rate_meter;
 pub mod requests;
 pub mod status_text;
 pub mod status_text_sender;

@@ -4,7 +4,7 @@ use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{GPS_GLOBAL_ORIGIN_DATA, HIGHRES_IMU_DATA, MavMessage};
 
 use super::identity::{AutopilotKind, Vehicle};
-use super::streams::{MessageStreams, StreamVerdict, StreamsConfig, WantedStream};
+use super::streams::{GaveUp, MessageStreams, StreamReport, StreamVerdict, StreamsConfig, WantedStream};
 use super::{Address, request_message};
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::messages::{Rate, TABLE, name_of};
@@ -114,10 +114,20 @@ impl StreamRequests {
         self.origin_known = true;
     }
 
-    /// The autopilot or the link began anew: requests are forgotten by then.
+    /// The link began anew, or another client's requests may stand: everything is asked for again but what was refused.
     pub fn restart(&mut self) {
         self.streams.restart();
+        self.ask_for_origin();
+    }
+
+    /// The autopilot rebooted: requests and refusals are forgotten.
+    pub fn reboot(&mut self) {
+        self.streams.reboot();
         self.told.clear();
+        self.ask_for_origin();
+    }
+
+    fn ask_for_origin(&mut self) {
         self.origin_known = false;
         self.origin_asked = 0;
         self.origin_due = None;
@@ -139,14 +149,11 @@ impl StreamRequests {
             let never = report.rate_hz == Some(0.0) && report.asked >= HIGHRES_TRIES;
             highres_in_vain |= id == HIGHRES_IMU_DATA::ID
                 && (never || (gave_up.is_some() && report.rate_hz.unwrap_or(0.0) < 1.0));
-            if let Some(reason) = gave_up
+            if let Some(text) = told_of(&report, gave_up)
                 && !self.told.contains(&id)
             {
                 self.told.push(id);
-                let (want, got) = (report.wanted.rate_hz, report.rate_hz.unwrap_or(0.0));
-                let name = name_of(id).unwrap_or("message");
-                refusals
-                    .push(format!("{name} ({id}): {want:.0} Hz asked for, {got:.1} Hz come ({reason:?})"));
+                refusals.push(text);
             }
         }
         if highres_in_vain && !self.fallen_back && self.kind != AutopilotKind::Px4 {
@@ -176,6 +183,26 @@ impl StreamRequests {
         self.origin_asked += 1;
         self.origin_due = Some(now + Span::from_micros(ORIGIN_PAUSE.micros() * i64::from(self.origin_asked)));
         Some(request_message(self.autopilot, GPS_GLOBAL_ORIGIN_DATA::ID))
+    }
+}
+
+/// What the user is to know of a stream, and what to change; `None` while there is nothing.
+fn told_of(report: &StreamReport, gave_up: Option<GaveUp>) -> Option<Refusal> {
+    let id = report.wanted.message_id;
+    let (name, want) = (name_of(id).unwrap_or("message"), report.wanted.rate_hz);
+    match (gave_up, report.reduced) {
+        (Some(GaveUp::Refused(_)), _) => {
+            Some(format!("{name} ({id}): the autopilot refuses it, and is not asked again"))
+        }
+        (Some(reason), _) => {
+            let got = report.rate_hz.unwrap_or(0.0);
+            Some(format!("{name} ({id}): {want:.0} Hz asked for, {got:.1} Hz come ({reason:?})"))
+        }
+        (None, Some((rate_hz, true))) => Some(format!(
+            "{name} ({id}): the autopilot refuses {want:.0} Hz and grants {rate_hz:.0}; for more, raise SCHED_LOOP_RATE (it sends 0.8 \
+             of that at most) and the SRx_ rates of this link"
+        )),
+        (None, _) => None,
     }
 }
 

@@ -3,9 +3,15 @@
 //! A request that was acknowledged is no stream: autopilots cap rates, round them to what their loop divides into, and other
 //! clients of the same link overwrite them. So the rates are measured, and a stream that is too slow is asked for again, with a
 //! growing pause and a limit, because some wishes cannot be met (200 Hz of a 250 Hz sensor are 125 Hz).
+//!
+//! A refusal is learned from: ArduPilot denies more than 0.8 of SCHED_LOOP_RATE, and tells the pilot each time. So less is asked for, 0.8
+//! of it and then half again and again, until something is granted; no other stream is asked for faster than that. The request that was
+//! refused is never made again before the autopilot reboots, and a message that is denied at a rate at which others were granted is one
+//! that this autopilot does not have.
 
 use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
 
+use super::rate_meter::RateMeter;
 use super::{Address, command_long};
 use crate::time::{Companion, Span, Stamp};
 
@@ -75,6 +81,8 @@ pub enum StreamVerdict {
 pub struct StreamReport {
     /// What is wanted.
     pub wanted: WantedStream,
+    /// What is asked for instead, Hz, where more was refused; and whether that was granted.
+    pub reduced: Option<(f64, bool)>,
     /// The measured rate in Hz; `None` before there was time to measure it.
     pub rate_hz: Option<f64>,
     /// How often it was asked for since the (re)start.
@@ -89,14 +97,41 @@ pub struct MessageStreams {
     config: StreamsConfig,
     autopilot: Address,
     streams: Vec<RequestedStream>,
+    limit: RateLimit,
     next_ask: Option<Stamp<Companion>>,
     /// The request whose acknowledgement is awaited: COMMAND_ACK does not say which message it is about.
     waiting: Option<(usize, Stamp<Companion>)>,
 }
 
+/// What the autopilot's answers tell of the fastest rate that it sends.
+#[derive(Clone, Copy, Debug, Default)]
+struct RateLimit {
+    /// The fastest that was granted, Hz.
+    granted_hz: Option<f64>,
+    /// Whether a rate was refused, and not a message.
+    refused: bool,
+}
+
+impl RateLimit {
+    /// The rate to ask for instead of `rate_hz`.
+    fn allowed(&self, rate_hz: f64) -> f64 {
+        self.granted_hz.filter(|_| self.refused).map_or(rate_hz, |most| rate_hz.min(most))
+    }
+}
+
+/// First reduction of a rate that was refused (ArduPilot sends at most this part of its loop's rate), and the next ones.
+const FIRST_REDUCTION: f64 = 0.8;
+const NEXT_REDUCTION: f64 = 0.5;
+/// A stream is not asked for at less than this part of what is wanted.
+const LEAST_PART: f64 = 0.1;
+
 #[derive(Clone, Debug)]
 struct RequestedStream {
     wanted: WantedStream,
+    /// What is asked for, Hz: `wanted`, or less where that was refused.
+    rate_hz: f64,
+    /// The slowest rate that was refused, Hz.
+    refused_hz: Option<f64>,
     meter: RateMeter,
     asked: u8,
     next_ask: Option<Stamp<Companion>>,
@@ -110,14 +145,24 @@ impl MessageStreams {
     pub fn new(config: StreamsConfig, autopilot: Address, wanted: &[WantedStream]) -> Self {
         let usable = wanted.iter().filter(|w| w.rate_hz.is_finite() && w.rate_hz > 0.0);
         let streams = usable.map(|&w| RequestedStream::new(w)).collect();
-        Self { config, autopilot, streams, next_ask: None, waiting: None }
+        Self { config, autopilot, streams, limit: RateLimit::default(), next_ask: None, waiting: None }
     }
 
-    /// Begins anew, after a reboot or a reconnection: requests are forgotten by then.
+    /// Begins anew after a reconnection: the requests may be forgotten by then, but not what was refused.
     pub fn restart(&mut self) {
+        for stream in &mut self.streams {
+            *stream = stream.anew();
+        }
+        self.next_ask = None;
+        self.waiting = None;
+    }
+
+    /// The autopilot rebooted, and may grant what it refused before.
+    pub fn reboot(&mut self) {
         for stream in &mut self.streams {
             *stream = RequestedStream::new(stream.wanted);
         }
+        self.limit = RateLimit::default();
         self.next_ask = None;
         self.waiting = None;
     }
@@ -148,8 +193,14 @@ impl MessageStreams {
         let Some(stream) = self.streams.get_mut(index) else { return };
         stream.last_result = Some(ack.result);
         // FAILED may be passing (a full queue), so it only decides once the attempts are used up.
-        if matches!(ack.result, MavResult::MAV_RESULT_DENIED | MavResult::MAV_RESULT_UNSUPPORTED) {
-            stream.given_up = Some(GaveUp::Refused(ack.result));
+        match ack.result {
+            MavResult::MAV_RESULT_ACCEPTED => {
+                let most = self.limit.granted_hz.unwrap_or(0.0).max(stream.rate_hz);
+                self.limit.granted_hz = Some(most);
+            }
+            MavResult::MAV_RESULT_UNSUPPORTED => stream.given_up = Some(GaveUp::Refused(ack.result)),
+            MavResult::MAV_RESULT_DENIED => stream.denied(&mut self.limit),
+            _ => {}
         }
     }
 
@@ -165,8 +216,9 @@ impl MessageStreams {
         }
         let index = self.streams.iter().position(|s| s.is_due(now, &self.config))?;
         let stream = self.streams.get_mut(index)?;
+        stream.reduce(self.limit.allowed(stream.rate_hz));
         stream.ask(now, &self.config);
-        let interval_us = (1e6 / stream.wanted.rate_hz).round();
+        let interval_us = (1e6 / stream.rate_hz).round();
         let id = stream.wanted.message_id as f32;
         self.waiting = Some((index, now));
         self.next_ask = Some(now + self.config.pace);
@@ -184,6 +236,8 @@ impl RequestedStream {
     fn new(wanted: WantedStream) -> Self {
         Self {
             wanted,
+            rate_hz: wanted.rate_hz,
+            refused_hz: None,
             meter: RateMeter::for_rate(wanted.rate_hz),
             asked: 0,
             next_ask: None,
@@ -193,8 +247,49 @@ impl RequestedStream {
         }
     }
 
+    /// As at first, but for what was refused.
+    fn anew(&self) -> Self {
+        let refused = matches!(
+            self.given_up,
+            Some(GaveUp::Refused(MavResult::MAV_RESULT_DENIED | MavResult::MAV_RESULT_UNSUPPORTED))
+        );
+        Self {
+            rate_hz: self.rate_hz,
+            refused_hz: self.refused_hz,
+            meter: RateMeter::for_rate(self.rate_hz),
+            given_up: self.given_up.filter(|_| refused),
+            ..Self::new(self.wanted)
+        }
+    }
+
+    /// Asks for this rate from now on.
+    fn reduce(&mut self, rate_hz: f64) {
+        if rate_hz < self.rate_hz {
+            self.rate_hz = rate_hz;
+            self.meter = RateMeter::for_rate(rate_hz);
+        }
+    }
+
+    /// The request was denied: for its rate, or for the message.
+    fn denied(&mut self, limit: &mut RateLimit) {
+        let reduction = if self.refused_hz.is_none() { FIRST_REDUCTION } else { NEXT_REDUCTION };
+        let next = self.rate_hz * reduction;
+        self.refused_hz = Some(self.rate_hz);
+        if limit.granted_hz.is_some_and(|granted| granted >= self.rate_hz)
+            || next < LEAST_PART * self.wanted.rate_hz
+        {
+            self.given_up = Some(GaveUp::Refused(MavResult::MAV_RESULT_DENIED));
+            return;
+        }
+        limit.refused = true;
+        self.reduce(next);
+        // Another request, not one more of the same.
+        self.asked = 0;
+        self.next_ask = None;
+    }
+
     fn is_good(&self, now: Stamp<Companion>, config: &StreamsConfig) -> Option<bool> {
-        self.meter.rate(now).map(|rate| rate >= config.enough * self.wanted.rate_hz)
+        self.meter.rate(now).map(|rate| rate >= config.enough * self.rate_hz)
     }
 
     fn judge(&mut self, now: Stamp<Companion>, config: &StreamsConfig) {
@@ -237,80 +332,9 @@ impl RequestedStream {
             }),
             _ => StreamVerdict::Pending,
         };
-        StreamReport { wanted: self.wanted, rate_hz, asked: self.asked, verdict }
-    }
-}
-
-const BUCKETS: usize = 8;
-
-/// Counts events in a sliding window of equal buckets.
-#[derive(Clone, Debug)]
-struct RateMeter {
-    bucket: Span,
-    counts: [u32; BUCKETS],
-    /// Number of the newest bucket since the clock's zero.
-    newest: i64,
-    /// Events from here on are counted.
-    begun: Option<Stamp<Companion>>,
-}
-
-impl RateMeter {
-    /// A meter whose window is at least 4 s, and holds 8 events of `rate_hz` at least.
-    fn for_rate(rate_hz: f64) -> Self {
-        let bucket = Span::from_seconds((1.0 / rate_hz).clamp(0.5, 3600.0));
-        Self { bucket, counts: [0; BUCKETS], newest: i64::MIN, begun: None }
-    }
-
-    /// Starts anew.
-    fn begin(&mut self, now: Stamp<Companion>) {
-        self.counts = [0; BUCKETS];
-        self.newest = self.number(now);
-        self.begun = Some(now);
-    }
-
-    fn number(&self, now: Stamp<Companion>) -> i64 {
-        now.micros().div_euclid(self.bucket.micros())
-    }
-
-    fn slot(number: i64) -> usize {
-        usize::try_from(number.rem_euclid(BUCKETS as i64)).unwrap_or(0)
-    }
-
-    fn count(&mut self, now: Stamp<Companion>) {
-        if self.begun.is_none() {
-            self.begin(now);
-        }
-        let number = self.number(now);
-        let ahead = number.saturating_sub(self.newest);
-        if ahead < 0 {
-            return;
-        }
-        for step in 1..=ahead.min(BUCKETS as i64) {
-            self.counts[Self::slot(number - ahead.min(BUCKETS as i64) + step)] = 0;
-        }
-        self.newest = number;
-        let slot = &mut self.counts[Self::slot(number)];
-        *slot = slot.saturating_add(1);
-    }
-
-    /// Time from [`RateMeter::begin`] until the rate is known.
-    fn settling(&self) -> Span {
-        Span::from_micros(self.bucket.micros().saturating_mul(BUCKETS as i64))
-    }
-
-    /// Events a second over the complete buckets of the window; `None` before they all were.
-    fn rate(&self, now: Stamp<Companion>) -> Option<f64> {
-        if now - self.begun? < self.settling() {
-            return None;
-        }
-        // The newest bucket is not complete; of the others, those that `count` did not clear may be outdated.
-        let current = self.number(now);
-        let sum: u32 = (1..BUCKETS as i64)
-            .map(|back| current.saturating_sub(back))
-            .filter(|&n| n <= self.newest && n > self.newest.saturating_sub(BUCKETS as i64))
-            .map(|n| self.counts[Self::slot(n)])
-            .fold(0, u32::saturating_add);
-        Some(f64::from(sum) / (self.bucket.seconds() * (BUCKETS - 1) as f64))
+        let granted = self.last_result == Some(MavResult::MAV_RESULT_ACCEPTED);
+        let reduced = (self.rate_hz < self.wanted.rate_hz).then_some((self.rate_hz, granted));
+        StreamReport { wanted: self.wanted, reduced, rate_hz, asked: self.asked, verdict }
     }
 }
 
@@ -475,14 +499,71 @@ mod tests {
     }
 
     #[test]
-    fn a_restart_asks_for_everything_again() {
-        let mut streams =
-            MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
-        let denied = |_, _: f32| Some(MavResult::MAV_RESULT_DENIED);
-        assert_eq!(play(&mut streams, 0, 30_000, denied, |_| 0).len(), 1);
+    fn a_restart_asks_again_but_for_what_was_refused_and_a_reboot_for_everything() {
+        let all = wanted(&[(HIGHRES_IMU, 100.0), (ATTITUDE, 50.0)]);
+        let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &all);
+        let answer = |id, _: f32| {
+            Some(if id == ATTITUDE { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED })
+        };
+        let rate = |id| if id == HIGHRES_IMU { 100 } else { 0 };
+        assert_eq!(play(&mut streams, 0, 30_000, answer, rate).len(), 2);
         streams.restart();
-        assert_eq!(verdicts(&streams, 30_000), [StreamVerdict::Pending]);
-        assert_eq!(play(&mut streams, 30_000, 60_000, denied, |_| 0).len(), 1);
+        let again = play(&mut streams, 30_000, 60_000, answer, rate);
+        assert_eq!(again.iter().map(|r| r.1).collect::<Vec<_>>(), [HIGHRES_IMU]);
+        streams.reboot();
+        assert_eq!(verdicts(&streams, 60_000), [StreamVerdict::Pending; 2]);
+        assert_eq!(play(&mut streams, 60_000, 90_000, answer, rate).len(), 2);
+    }
+
+    /// An ArduPilot that sends at most `most_hz` and has no `unknown`: the requests, as (id, Hz).
+    fn asked_of(most_hz: f32, unknown: u32) -> (Vec<(u32, i64)>, MessageStreams) {
+        let all = wanted(&[(HIGHRES_IMU, 200.0), (ATTITUDE, 50.0), (100, 50.0), (106, 50.0), (32, 10.0)]);
+        let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &all);
+        let mut asked = Vec::new();
+        for ms in (0..600_000).step_by(10) {
+            if let Some(MavMessage::COMMAND_LONG(c)) = streams.poll(at(ms)) {
+                let (id, hz) = (c.param1 as u32, 1e6 / c.param2);
+                asked.push((id, hz.round() as i64));
+                let refused = hz > most_hz + 0.5 || id == unknown;
+                let result =
+                    if refused { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED };
+                streams.acknowledge(US, &ack(result));
+            }
+            // Whatever was granted comes.
+            for report in streams.reports(at(ms)).collect::<Vec<_>>() {
+                let hz = report.reduced.map_or(report.wanted.rate_hz, |r| r.0);
+                let granted = report.reduced.is_none_or(|r| r.1) && f64::from(most_hz) + 0.5 > hz;
+                if granted && report.wanted.message_id != unknown && ms % (1000.0 / hz) as i64 / 10 == 0 {
+                    streams.hear(at(ms), report.wanted.message_id);
+                }
+            }
+        }
+        (asked, streams)
+    }
+
+    #[test]
+    fn a_refused_rate_is_learned_from_and_never_asked_for_again() {
+        // A plane whose SCHED_LOOP_RATE is 50, without OPTICAL_FLOW_RAD.
+        let (asked, streams) = asked_of(40.0, 106);
+        let imu: Vec<i64> = asked.iter().filter(|a| a.0 == HIGHRES_IMU).map(|a| a.1).collect();
+        assert_eq!(imu[..4], [200, 160, 80, 40]);
+        for (i, request) in asked.iter().enumerate().filter(|(_, a)| a.1 > 40 || a.0 == 106) {
+            assert!(!asked[i + 1..].contains(request), "{request:?} twice: {asked:?}");
+        }
+        // Nothing else is asked for faster than that, and what is denied all the same is not there.
+        assert!(asked[4..].iter().all(|a| a.1 <= 40), "{asked:?}");
+        assert_eq!(asked.iter().filter(|a| a.0 == 106).count(), 1, "{asked:?}");
+        let reports: Vec<StreamReport> = streams.reports(at(600_000)).collect();
+        assert_eq!(reports[0].reduced, Some((40.0, true)));
+        let denied = StreamVerdict::GivenUp(GaveUp::Refused(MavResult::MAV_RESULT_DENIED));
+        assert_eq!((reports[3].verdict, reports[4].reduced), (denied, None));
+    }
+
+    #[test]
+    fn an_autopilot_that_refuses_everything_is_left_in_peace() {
+        let (asked, _) = asked_of(0.0, 0);
+        let imu: Vec<i64> = asked.iter().filter(|a| a.0 == HIGHRES_IMU).map(|a| a.1).collect();
+        assert_eq!(imu, [200, 160, 80, 40, 20]);
     }
 
     #[test]
@@ -497,42 +578,7 @@ mod tests {
         assert_eq!(verdicts(&streams, 10), [StreamVerdict::Pending]);
     }
 
-    #[test]
-    fn a_rate_falls_to_zero_when_a_stream_stops() {
-        let mut meter = RateMeter::for_rate(10.0);
-        meter.begin(at(0));
-        for ms in (0..10_000).step_by(100) {
-            meter.count(at(ms));
-        }
-        assert!((meter.rate(at(10_000)).unwrap() - 10.0).abs() < 1e-9);
-        assert!(meter.rate(at(12_000)).unwrap() < 7.0);
-        assert_eq!(meter.rate(at(14_500)), Some(0.0));
-        assert_eq!(meter.rate(at(3_600_000)), Some(0.0));
-    }
-
-    #[test]
-    fn slow_streams_are_measured_over_a_longer_window() {
-        let mut meter = RateMeter::for_rate(0.2);
-        meter.begin(at(0));
-        for s in (0..200).step_by(5) {
-            meter.count(at(s * 1000 + 40));
-        }
-        assert!((meter.rate(at(200_000)).unwrap() - 0.2).abs() < 1e-9);
-    }
-
     proptest! {
-        #[test]
-        fn any_regular_rate_is_measured_to_a_tenth(hz in 2.0f64..400.0, phase_us in 0i64..1_000_000) {
-            let mut meter = RateMeter::for_rate(hz);
-            meter.begin(Stamp::from_micros(phase_us));
-            let step = 1e6 / hz;
-            for i in 0..=(hz * 10.0) as i64 {
-                meter.count(Stamp::from_micros(phase_us + (i as f64 * step) as i64));
-            }
-            let rate = meter.rate(Stamp::from_micros(phase_us + 10_000_000)).unwrap();
-            prop_assert!((rate - hz).abs() <= 0.15 * hz, "{rate} instead of {hz}");
-        }
-
         #[test]
         fn stamps_in_any_order_never_panic(stamps in prop::collection::vec(any::<i64>(), 0..60)) {
             let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0), (1, f64::NAN)]));
