@@ -12,6 +12,7 @@ mod run;
 mod simulate;
 mod table;
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -166,7 +167,8 @@ pub fn main() -> ExitCode {
     match run(Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("holdover: {failure}");
+            // Where it cannot be written, the exit code tells.
+            let _ = writeln!(std::io::stderr(), "holdover: {failure}");
             ExitCode::from(failure.exit_code())
         }
     }

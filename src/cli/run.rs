@@ -1,6 +1,8 @@
 //! `holdover run`: the daemon.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use clap::Args;
@@ -56,22 +58,50 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     if settings.endpoints.is_empty() {
         return Err(Failure::Usage("link.endpoints is empty: there is nothing to listen to".into()));
     }
-    start_log(&settings.log_level)?;
+    let sink = start_log(&settings.log_level)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(serve(&settings, &args.deny_gnss))
+    let served = runtime.block_on(serve(&settings, &args.deny_gnss));
+    let lost = sink.lost.load(Ordering::Relaxed);
+    if lost > 0 {
+        tracing::warn!("{lost} lines of the log could not be written");
+    }
+    served
 }
 
-fn start_log(level: &str) -> Result<(), Failure> {
+/// Writes the log to standard error, and goes on where that cannot be written: a full disk, a closed terminal or a `tee` that died is no
+/// reason to stop navigating. Lines that were lost are counted.
+#[derive(Clone, Debug, Default)]
+struct LogSink {
+    lost: Arc<AtomicU64>,
+}
+
+impl Write for LogSink {
+    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
+        if std::io::stderr().write_all(line).is_err() {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+fn start_log(level: &str) -> Result<LogSink, Failure> {
     let directives = std::env::var(LOG_VARIABLE).ok().filter(|v| !v.is_empty());
     let filter = EnvFilter::try_new(directives.as_deref().unwrap_or(level))
         .map_err(|e| Failure::Usage(format!("{LOG_VARIABLE}: {e}")))?;
+    let sink = LogSink::default();
+    let writer = sink.clone();
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(move || writer.clone())
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .try_init()
-        .map_err(|e| Failure::Other(e.to_string()))
+        .map_err(|e| Failure::Other(e.to_string()))?;
+    Ok(sink)
 }
 
 async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Failure> {

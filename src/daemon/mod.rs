@@ -28,6 +28,7 @@ use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFra
 use crate::wire::messages::from_any_component;
 use crate::wire::session::autopilot::AutopilotSession;
 use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus, heartbeat};
+use crate::wire::session::heartbeat_fields::HeartbeatFields;
 use crate::wire::session::identity::{IdentityEvent, Sender};
 use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
 use crate::wire::session::transmitter::Transmitter;
@@ -212,6 +213,9 @@ impl Daemon {
         let mut inputs = std::mem::take(&mut self.inputs);
         self.decoder.decode(&frame, &mut inputs);
         self.session.stamped(self.decoder.clock().newest(), at);
+        if let Some(repair) = self.decoder.take_repair_news() {
+            tracing::warn!("{repair}");
+        }
         for input in inputs.drain(..) {
             self.input(&input, at);
         }
@@ -268,8 +272,10 @@ impl Daemon {
         listened
     }
 
+    /// Another system is heard. A ground station on the same link is as it should be, a second vehicle is worth a word.
     fn stranger(&mut self, frame: &Frame<'_>) {
-        if !std::mem::replace(&mut self.stranger_told, true) {
+        let vehicle = HeartbeatFields::read(frame).is_some_and(|h| h.is_autopilot());
+        if vehicle && !std::mem::replace(&mut self.stranger_told, true) {
             tracing::warn!("system {} is heard, too, and ignored", frame.system().0);
         }
     }
@@ -291,7 +297,7 @@ impl Daemon {
             Input::Origin(_) => self.session.origin_heard(),
             Input::Clock(ClockEvent::Reboot { .. }) => {
                 self.say(Severity::Warning, "the autopilot rebooted");
-                self.session.restart();
+                self.session.reboot();
             }
             Input::Clock(ClockEvent::Gap(span)) => {
                 tracing::warn!("the autopilot's stamps have a gap of {:.1} s", span.seconds());
@@ -438,6 +444,7 @@ impl Daemon {
             not_finite: self.counts.not_finite,
             late: self.counts.late,
             rejects,
+            repairs: self.decoder.repairs().clone(),
             duplicates: self.counts.duplicates,
             inbound_dropped,
             unsent,

@@ -6,6 +6,9 @@ use crate::time::{Companion, Span, Stamp};
 const PATIENCE: Span = Span::from_millis(15_000);
 /// A scheduler of a small computer may pause for so long.
 const LEAST: Span = Span::from_millis(500);
+/// After a silence the stream has to come for so long without another one before it is said to be back: one that comes in bits is one
+/// silence, and one word to the pilot.
+const STEADY: Span = Span::from_millis(5_000);
 
 /// What is to be told.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -25,11 +28,13 @@ pub(super) struct ImuWatch {
     since: Option<Stamp<Companion>>,
     came: bool,
     silent: bool,
+    /// A silence was told whose end was not: when it began, and since when the stream has come again.
+    told: Option<(Stamp<Companion>, Option<Stamp<Companion>>)>,
 }
 
 impl ImuWatch {
     pub(super) fn new(max_gap: Span) -> Self {
-        Self { limit: max_gap.max(LEAST), since: None, came: false, silent: false }
+        Self { limit: max_gap.max(LEAST), since: None, came: false, silent: false, told: None }
     }
 
     /// Whether it was heard and is not any more, or should have been heard by now.
@@ -44,10 +49,19 @@ impl ImuWatch {
 
     /// A sample came.
     pub(super) fn heard(&mut self, now: Stamp<Companion>) -> Option<ImuNews> {
-        let silence = self.since.map_or(Span::ZERO, |since| now - since);
         self.since = Some(now);
         self.came = true;
-        std::mem::take(&mut self.silent).then_some(ImuNews::Back(silence))
+        let (began, again) = self.told.as_mut()?;
+        if std::mem::take(&mut self.silent) {
+            *again = Some(now);
+        }
+        let again = (*again)?;
+        if now - again < STEADY {
+            return None;
+        }
+        let silence = again - *began;
+        self.told = None;
+        Some(ImuNews::Back(silence))
     }
 
     /// Looks at the time.
@@ -58,6 +72,10 @@ impl ImuWatch {
             return None;
         }
         self.silent = true;
+        if self.told.is_some() {
+            return None;
+        }
+        self.told = Some((self.since?, None));
         Some(if self.came { ImuNews::Silent(silence) } else { ImuNews::NeverCame })
     }
 }
@@ -80,8 +98,26 @@ mod tests {
         assert_eq!(watch.poll(at(101_601)), Some(ImuNews::Silent(Span::from_millis(601))));
         assert!(watch.silent());
         assert_eq!(watch.poll(at(102_000)), None);
-        assert_eq!(watch.heard(at(103_000)), Some(ImuNews::Back(Span::from_millis(2000))));
+        assert_eq!(watch.heard(at(103_000)), None);
         assert!(!watch.silent());
+        let back: Vec<_> = (103_010..109_000).step_by(10).filter_map(|ms| watch.heard(at(ms))).collect();
+        assert_eq!(back, [ImuNews::Back(Span::from_millis(2000))]);
+    }
+
+    #[test]
+    fn a_stream_that_comes_in_bits_is_one_silence() {
+        let mut watch = ImuWatch::new(Span::from_millis(500));
+        watch.expect(at(0));
+        let mut told = Vec::new();
+        // One sample a second for a minute, then a stream as it should be.
+        for ms in 1..80_000 {
+            let sample = if ms < 60_000 { ms % 1000 == 0 } else { ms % 10 == 0 };
+            told.extend(sample.then(|| watch.heard(at(ms))).flatten());
+            told.extend(watch.poll(at(ms)));
+            assert!(ms < 2000 || ms > 60_000 || watch.silent() == (ms % 1000 > 500), "{ms}");
+        }
+        let began = ImuNews::Silent(Span::from_millis(501));
+        assert_eq!(told, [began, ImuNews::Back(Span::from_millis(59_000))]);
     }
 
     #[test]

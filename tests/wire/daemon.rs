@@ -9,8 +9,11 @@ use std::time::Duration;
 use crate::live::flight::{Flight, Heard, path};
 use crate::live::process::Holdover;
 use crate::live::pymavlink;
+use holdover::sample::VehicleStatus;
+use holdover::wire::encode_vehicle;
 use holdover::wire::frame::{ComponentId, SystemId};
 use holdover::wire::session::Address;
+use holdover::wire::session::identity::AutopilotKind;
 use holdover::wire::session::outgoing::FrameWriter;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavState, TIMESYNC_DATA};
 use serde_json::Value;
@@ -293,7 +296,7 @@ async fn a_flight_over_a_serial_port() {
 
 #[tokio::test]
 async fn a_cable_that_is_pulled_and_put_back_goes_on() {
-    let flight = Flight::load(COPTER, 60.0);
+    let flight = Flight::load(COPTER, 140.0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("autopilot");
     let (drone, device) = plug_in(&path);
@@ -324,9 +327,24 @@ async fn a_cable_that_is_pulled_and_put_back_goes_on() {
     let (drone, device) = plug_in(&path);
     holdover.wait_for("link 0: up", 2);
     drop(device);
-    Drone::stream(drone, &heard).play(&flight, 45.0, 60.0).await;
+    // It is said to be back when it has come for 5 s.
+    Drone::stream(drone, &heard).play(&flight, 45.0, 140.0).await;
     holdover.wait_for("IMU is back", 1);
     heard.until("ODOMETRY", |h| h.odometry().len() > 200).await;
+    holdover.stop();
+}
+
+#[tokio::test]
+async fn a_log_that_cannot_be_written_ends_nothing() {
+    let flight = Flight::load(COPTER, 50.0);
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let endpoint = format!("tcpout:{}", listener.local_addr().unwrap());
+    let mut holdover = Holdover::run_without_log(&["--endpoint", &endpoint, "--deny-gnss", "30..200"]);
+    let heard = Heard::default();
+    let mut autopilot = accept(&listener).await;
+    autopilot.write_all(flight.heartbeat()).await.unwrap();
+    Drone::stream(autopilot, &heard).play(&flight, 0.0, 50.0).await;
+    heard.until("ODOMETRY", |h| h.odometry().len() > 100).await;
     holdover.stop();
 }
 
@@ -400,12 +418,16 @@ async fn of_two_vehicles_the_second_is_ignored() {
     assert!(stray.bytes().is_empty(), "the second vehicle was answered");
     assert!(!heard.bytes().is_empty());
 
-    // Another system behind the same address.
+    // Other systems behind the same address: a ground station, which is as it should be, and a vehicle.
+    let station = Address { system: SystemId(255), component: ComponentId(190) };
+    let beat = holdover::wire::session::heartbeat::heartbeat;
+    let beat = beat(holdover::wire::session::heartbeat::SystemStatus::Active, 0);
+    first.send(&FrameWriter::new(station).write(&beat).unwrap()).await;
     let other = Address { system: SystemId(2), component: ComponentId(1) };
-    let holdover_beat = holdover::wire::session::heartbeat::heartbeat;
-    let beat = holdover_beat(holdover::wire::session::heartbeat::SystemStatus::Active, 0);
+    let beat = encode_vehicle::heartbeat(AutopilotKind::Px4, &VehicleStatus::default());
     first.send(&FrameWriter::new(other).write(&beat).unwrap()).await;
     holdover.wait_for("system 2 is heard, too, and ignored", 1);
+    assert_eq!(holdover.told("system 255"), 0, "{}", holdover.log());
     holdover.stop();
     assert!(holdover.log().contains("1 wrong system"), "{}", holdover.log());
 }

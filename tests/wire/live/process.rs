@@ -27,6 +27,16 @@ pub struct Holdover {
 impl Holdover {
     /// Starts it with these arguments after `run`.
     pub fn run(args: &[&str]) -> Self {
+        Self::start(args, Stdio::piped())
+    }
+
+    /// The same with a log that cannot be written: the disk is full.
+    pub fn run_without_log(args: &[&str]) -> Self {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        Self::start(args, full.into())
+    }
+
+    fn start(args: &[&str], stderr: Stdio) -> Self {
         let mut child = alone(env!("CARGO_BIN_EXE_holdover"))
             .arg("run")
             .args(args)
@@ -35,17 +45,18 @@ impl Holdover {
             .env_remove("HOLDOVER_LOG")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::piped())
+            .stderr(stderr)
             .spawn()
             .unwrap();
-        let stderr = child.stderr.take().unwrap();
         let log = Arc::new(Mutex::new(Vec::new()));
-        let lines = Arc::clone(&log);
-        std::thread::spawn(move || {
-            for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-                lines.lock().unwrap().push(line);
-            }
-        });
+        if let Some(stderr) = child.stderr.take() {
+            let lines = Arc::clone(&log);
+            std::thread::spawn(move || {
+                for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                    lines.lock().unwrap().push(line);
+                }
+            });
+        }
         Self { child, log }
     }
 
