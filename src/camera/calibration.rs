@@ -124,8 +124,8 @@ impl FlowCalibration {
         // An error that lasts is in many samples the same: together they tell no more than one.
         let r = noise * self.excess.max(1.0) + lasting * (LASTING_S / dt.max(1e-3)).max(1.0);
         let innovation_cov = r + h * self.p * h.transpose();
-        let Some(inverse) = innovation_cov.try_inverse() else { return f64::INFINITY };
-        let normalised = (residual.transpose() * inverse * residual)[0].max(0.0).sqrt();
+        let Some(factor) = innovation_cov.cholesky() else { return f64::INFINITY };
+        let normalised = residual.dot(&factor.solve(&residual)).max(0.0).sqrt();
         if !normalised.is_finite() {
             return f64::INFINITY;
         }
@@ -140,7 +140,7 @@ impl FlowCalibration {
         if normalised > GATE {
             return normalised;
         }
-        let k = self.p * h.transpose() * inverse;
+        let k = factor.solve(&(h * self.p)).transpose();
         let i_kh = Matrix4::identity() - k * h;
         self.x += k * residual;
         self.p = i_kh * self.p * i_kh.transpose() + k * r * k.transpose();
