@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use holdover::navigator::event_codes::{EVENTS, EventCode};
 use serde_json::Value;
 
 /// A table that some document has between markers.
@@ -20,6 +21,8 @@ enum Layout {
     Lines(fn(&str) -> bool),
     /// The parts under these headlines.
     Sections(&'static [&'static str]),
+    /// The events, from the list in the code: no command is run.
+    Events,
     /// A Markdown table; rows of flights that are not here are kept.
     Flights(fn(&[Value], &Kept) -> Vec<Vec<String>>),
     /// A Markdown table without its header, of JSON objects one after the other.
@@ -39,6 +42,7 @@ const TABLES: &[Table] = &[
         quick: &[],
     },
     Table { name: "what_happened", layout: Layout::Sections(&["What happened", "Outages, "]), quick: &[] },
+    Table { name: "events", layout: Layout::Events, quick: &[] },
     Table { name: "evaluate", layout: Layout::Lines(|_| true), quick: &[] },
     Table { name: "recordings", layout: Layout::Flights(recordings), quick: &[] },
     Table { name: "recordings_without_flow", layout: Layout::Flights(without_flow), quick: &[] },
@@ -78,6 +82,11 @@ impl Table {
         TABLES.iter().find(|t| t.name == name)
     }
 
+    /// Whether it is made of what its command prints.
+    pub fn has_command(&self) -> bool {
+        !matches!(self.layout, Layout::Events)
+    }
+
     /// The flights of the rows that stand.
     pub fn flights(&self, body: &str) -> Vec<String> {
         let mut flights: Vec<String> = kept(body).into_keys().map(|(flight, _)| flight).collect();
@@ -107,6 +116,7 @@ impl Table {
                 }
                 text(lines)
             }
+            Layout::Events => events(),
             Layout::Flights(rows) => {
                 let mut all = kept(old);
                 for row in rows(&objects(output)?, &kept(old)) {
@@ -148,6 +158,14 @@ impl Picture<'_> {
             }
         }
     }
+}
+
+fn events() -> String {
+    let row = |e: &EventCode| format!("| `{}` | {} | {} |\n", e.code, e.meaning, e.advice);
+    format!(
+        "| code | what it means | what to do |\n|---|---|---|\n{}",
+        EVENTS.iter().map(row).collect::<String>()
+    )
 }
 
 /// From a line that begins with the headline to the next empty one.

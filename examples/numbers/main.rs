@@ -119,9 +119,10 @@ fn renewed(marker: &Marker, page: &Path, body: &str, check: bool) -> Result<Opti
             exact = false;
         }
     }
+    let printed = if table.has_command() { output(&command)? } else { String::new() };
     let folder = page.parent().unwrap_or(page);
     let picture = if check { Picture::Compare(folder) } else { Picture::Write(folder) };
-    let text = table.body(&marker.command, &output(&command)?, body, picture)?;
+    let text = table.body(&marker.command, &printed, body, picture)?;
     Ok(Some((text, exact)))
 }
 

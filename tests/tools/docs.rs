@@ -6,6 +6,8 @@ use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use holdover::navigator::event_codes::EVENTS;
+
 #[path = "../../examples/numbers/markers.rs"]
 mod markers;
 
@@ -227,6 +229,15 @@ fn the_summary_has_every_page() {
     {
         let file = page.trim_start_matches("docs/src/");
         assert!(summary.contains(&format!("({file})")), "{page} is not in the summary");
+    }
+}
+
+#[test]
+fn every_event_is_explained() {
+    let page = fs::read_to_string(root().join("docs/src/events.md")).unwrap();
+    for event in EVENTS {
+        let rows = page.lines().filter(|l| l.starts_with(&format!("| `{}` | ", event.code))).count();
+        assert_eq!(rows, 1, "{}: cargo run --release --example numbers -- events", event.code);
     }
 }
 
