@@ -8,6 +8,8 @@ use std::process::Command;
 
 use holdover::navigator::event_codes::EVENTS;
 
+use crate::command::holdover;
+
 #[path = "../../examples/numbers/markers.rs"]
 mod markers;
 
@@ -151,6 +153,68 @@ fn the_commands_run() {
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(ran >= 6, "only {ran} blocks were run");
+}
+
+#[test]
+fn the_configurations_are_valid() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("page.toml");
+    let mut checked = 0;
+    for (page, text) in documents() {
+        for block in blocks(&text).iter().filter(|b| b.info == "toml") {
+            fs::write(&file, &block.text).unwrap();
+            let ran = holdover(&["check", "--config", file.to_str().unwrap()]);
+            assert_eq!(ran.code, Some(0), "{page}:{}: {}", block.line, ran.err);
+            checked += 1;
+        }
+    }
+    assert!(checked >= 2, "{checked} configurations");
+}
+
+/// What stands between backticks in the prose and its tables.
+fn spans(text: &str) -> Vec<(usize, String)> {
+    let mut in_block = false;
+    let mut out = Vec::new();
+    for (i, line) in text.lines().enumerate() {
+        in_block ^= line.trim_start().starts_with("```");
+        if !in_block {
+            out.extend(line.split('`').skip(1).step_by(2).map(|s| (i + 1, s.to_owned())));
+        }
+    }
+    out
+}
+
+/// `gnss.delay_ms`, also with a value; a section alone, a file or a path is none.
+fn key_in<'a>(span: &'a str, sections: &[&str]) -> Option<&'a str> {
+    let key = span.split([' ', '=']).next()?;
+    let (section, name) = key.rsplit_once('.')?;
+    let is_key =
+        !name.is_empty() && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+    // Also what was a section once must be found out.
+    let known = sections.contains(&section)
+        || ["kalman", "height", "observer", "range", "rejoin", "imu"].contains(&section);
+    (is_key && known && !["rs", "md", "toml", "tlog"].contains(&name)).then_some(key)
+}
+
+#[test]
+fn the_keys_that_are_named_exist() {
+    let json = holdover(&["check", "--json"]).json();
+    let keys: Vec<&str> =
+        json["keys"].as_array().unwrap().iter().map(|k| k["key"].as_str().unwrap()).collect();
+    let sections: Vec<&str> = keys.iter().filter_map(|k| Some(k.rsplit_once('.')?.0)).collect();
+    let (mut seen, mut wrong) = (0, Vec::new());
+    for (page, text) in documents() {
+        for (line, span) in spans(&text) {
+            if let Some(key) = key_in(&span, &sections) {
+                seen += 1;
+                if !keys.contains(&key) {
+                    wrong.push(format!("{page}:{line}: there is no key {key}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(seen > 40, "only {seen} keys");
 }
 
 /// What a headline's link is called.
