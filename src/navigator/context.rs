@@ -17,6 +17,10 @@ pub(super) struct SourceFacts {
     pub(super) flow_trusted: bool,
     /// The newest distance to the ground along body z that can be believed, m.
     pub(super) range: Option<(AutopilotTime, f64)>,
+    /// There is a rangefinder, whatever it is worth.
+    pub(super) rangefinder_heard: bool,
+    /// While it is disputed where the ground is: the distance that is measured over the one that it should be.
+    pub(super) disputed_ratio: Option<f64>,
     /// Height of the ground above the origin, m.
     pub(super) ground_m: Option<f64>,
     /// The vehicle stands.

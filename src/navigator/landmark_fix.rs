@@ -32,7 +32,7 @@ fn repeated(variance: f64, drift: f64) -> f64 {
 
 /// Looks at the landmarks' pose, and does what follows.
 pub(super) fn judge(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime) {
-    let facts = sources.facts();
+    let facts = sources.facts(core);
     let Some(landmarks) = &mut sources.landmarks else { return };
     let mut events = std::mem::take(&mut core.events);
     let context = Context { core, facts };
@@ -64,7 +64,7 @@ fn apply(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, fix: &Lan
         PoseNews::Ignore => return,
         PoseNews::First { elsewhere } => {
             // What GNSS was wrong by is the position's own error now, and to be corrected.
-            core.estimator.doubt_position(sources.facts().gnss_sigma_m);
+            core.estimator.doubt_position(sources.facts(core).gnss_sigma_m);
             if elsewhere {
                 relocate(core, sources, now, &error, fix);
             }

@@ -149,7 +149,7 @@ impl Navigator {
             position_ned.z = -(height + core.published.height_offset_m());
             velocity_ned.z = -core.height.climb_mps();
         }
-        let facts = self.sources.facts();
+        let facts = self.sources.facts(&self.core);
         let (position_covariance, velocity_covariance) = core.covariances(&facts);
         Some(Solution {
             time,
@@ -194,7 +194,7 @@ impl Navigator {
 
     /// Every source that was ever heard, as it fares at present, by kind and id.
     pub fn source_reports(&self) -> Vec<SourceReport> {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let report = |status| SourceReport::new(status, self.sources.health(status, &context));
         let mut reports: Vec<_> = self.core.statuses.iter().map(report).collect();
         reports.sort_by_key(|r| (r.kind, r.id));

@@ -80,7 +80,7 @@ impl Navigator {
     }
 
     fn step(&mut self, s: &ImuSample, dt: f64) -> Verdict {
-        let facts = self.sources.facts();
+        let facts = self.sources.facts(&self.core);
         let core = &mut self.core;
         let Some(environment) = core.surroundings.environment() else {
             return Verdict::Rejected(Reason::NoReferenceYet);
@@ -131,7 +131,7 @@ impl Navigator {
         core.published.glide_height(dt, &core.settings.height);
         self.look_for_rest(s);
         self.feel_drag(s, dt);
-        let facts = self.sources.facts();
+        let facts = self.sources.facts(&self.core);
         self.core.estimator.lead_observer(&facts, s.time);
         self.seek_heading(s, dt, &facts);
         self.feel_landmarks(s, dt);
@@ -142,13 +142,13 @@ impl Navigator {
 
     fn advance(&mut self, s: &ImuSample, dt: f64) {
         let calibration = self.sources.flow.calibration_covariance(&self.core.settings.flow);
-        self.core.advance(s.time, dt, &self.sources.facts(), &calibration);
+        self.core.advance(s.time, dt, &self.sources.facts(&self.core), &calibration);
     }
 
     /// Standing still, where the vehicle's own word for it can be believed.
     fn look_for_rest(&mut self, s: &ImuSample) {
-        self.core.doubt_disarmed(self.sources.facts().ground_m);
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        self.core.doubt_disarmed(self.sources.facts(&self.core).ground_m);
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let Some(observation) = self.sources.standstill.observe(s, &context) else { return };
         let core = &mut self.core;
         let Some(environment) = core.surroundings.environment() else { return };
@@ -158,7 +158,7 @@ impl Navigator {
     }
 
     fn feel_drag(&mut self, s: &ImuSample, dt: f64) {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let Some(observation) = self.sources.drag.observe(s, dt, &context) else { return };
         let core = &mut self.core;
         let Some(environment) = core.surroundings.environment() else { return };
@@ -180,7 +180,7 @@ impl Navigator {
         if self.sources.landmarks.is_none() {
             return;
         }
-        let facts = self.sources.facts();
+        let facts = self.sources.facts(&self.core);
         let Some(landmarks) = &mut self.sources.landmarks else { return };
         let mut statuses = std::mem::take(&mut self.core.statuses);
         let context = Context { core: &self.core, facts };

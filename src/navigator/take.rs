@@ -15,7 +15,7 @@ use super::monitor::gnss_integrity::{GnssFault, Standing};
 use super::observation::{Fused, Observation};
 use super::reset::Reset;
 use super::sources::flow::{FlowInput, MeasuredFlow, PatchArrival};
-use super::sources::gnss::{FixReading, Receiver, expectation, horizontal};
+use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator};
@@ -31,7 +31,7 @@ impl Navigator {
     }
 
     pub(super) fn magnetometer(&mut self, s: &MagSample) -> Verdict {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         match self.sources.magnetometer.observe(s, &context) {
             Err(reason) => Verdict::Rejected(reason),
             Ok(observation) => {
@@ -46,7 +46,7 @@ impl Navigator {
     }
 
     pub(super) fn airspeed(&mut self, s: &AirspeedSample) -> Verdict {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         match self.sources.airspeed.observe(s, &context) {
             Err(reason) => Verdict::Rejected(reason),
             Ok(observation) => {
@@ -81,7 +81,7 @@ impl Navigator {
     }
 
     pub(super) fn barometer(&mut self, s: &PressureSample) -> Verdict {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let read = match self.sources.barometer.observe(s, &context) {
             Err(reason) => return Verdict::Rejected(reason),
             Ok(read) => read,
@@ -97,7 +97,7 @@ impl Navigator {
     }
 
     pub(super) fn rangefinder(&mut self, s: &RangeSample) -> Verdict {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         match self.sources.rangefinder.observe(s, &context) {
             Err(reason) => Verdict::Rejected(reason),
             Ok(reading) => {
@@ -110,7 +110,7 @@ impl Navigator {
     }
 
     pub(super) fn landmark(&mut self, s: &LandmarkSample) -> Verdict {
-        let facts = self.sources.facts();
+        let facts = self.sources.facts(&self.core);
         let Some(landmarks) = &mut self.sources.landmarks else { return Verdict::Rejected(Reason::NotUsed) };
         landmarks.observe(s, &Context { core: &self.core, facts })
     }
@@ -121,9 +121,9 @@ impl Navigator {
         }
         let Some(now) = self.core.stream.newest() else { return Verdict::Rejected(Reason::NoReferenceYet) };
         match self.sources.gnss.select(s) {
-            Receiver::Same => {}
-            Receiver::Redundant => return Verdict::Rejected(Reason::Redundant),
-            Receiver::Another => {
+            ReceiverChoice::Same => {}
+            ReceiverChoice::Redundant => return Verdict::Rejected(Reason::Redundant),
+            ReceiverChoice::Another => {
                 self.core.integrity.forget_track();
                 self.core.height.another(Channel::Gnss);
                 self.core.events.tell(s.time, EventKind::Receiver(s.receiver));
@@ -156,7 +156,7 @@ impl Navigator {
         let aligning = self.core.mode == Mode::Aligning;
         let velocity_ned = Vector3::new(v.0, v.1, 0.0);
         self.core.estimator.observer_mut().begin_signal(now, &position_ned, &velocity_ned, aligning);
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let reading = self.sources.gnss.observe(s, measured, position_ned, &context)?;
         let regained = self.judge(now, &reading)?;
         self.sources.gnss.accepted(&reading);
@@ -178,7 +178,7 @@ impl Navigator {
 
     /// What the monitor says of a fix; whether GNSS is trusted again by it.
     fn judge(&mut self, now: AutopilotTime, reading: &FixReading) -> Result<bool, GnssFault> {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let expected = (self.core.mode != Mode::Aligning).then(|| expectation(reading, &context));
         let core = &mut self.core;
         let position_ne = reading.position_ned.xy();
@@ -194,7 +194,7 @@ impl Navigator {
 
     /// GNSS is navigated on.
     fn take_fix(&mut self, now: AutopilotTime, reading: &FixReading) {
-        let facts = self.sources.facts();
+        let facts = self.sources.facts(&self.core);
         let sigma = reading.sigma();
         let core = &mut self.core;
         core.estimator.observer_mut().apply(&reading.innovation);
@@ -317,7 +317,7 @@ impl Navigator {
 
     /// What a flow velocity is for depends on the mode.
     fn take_flow(&mut self, stamp: AutopilotTime, index: usize, input: FlowInput<'_>) -> Verdict {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let measured = match self.sources.flow.observe(stamp, index, input, &context) {
             Ok(measured) => measured,
             Err(reason) => return Verdict::Rejected(reason),
@@ -339,7 +339,7 @@ impl Navigator {
 
     /// GNSS is there: the sensor is compared with it, and helps where it is trusted.
     fn compare_flow(&mut self, m: &MeasuredFlow, index: usize) -> Result<(), Reason> {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let compared = self.sources.flow.compare(m, index, &context)?;
         let now = self.core.stream.newest().unwrap_or(m.time);
         if let Some(observation) = &compared.observation {
@@ -353,7 +353,7 @@ impl Navigator {
 
     /// GNSS is gone: the flow carries the velocity.
     fn carry_flow(&mut self, m: &MeasuredFlow, index: usize) -> Result<(), Reason> {
-        let context = Context { core: &self.core, facts: self.sources.facts() };
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let carry = self.sources.flow.carry(m, index, &context)?;
         let now = self.core.stream.newest().unwrap_or(m.time);
         if let Some(observation) = &carry.observation {

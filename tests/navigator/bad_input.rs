@@ -13,23 +13,23 @@ use holdover::time::{AutopilotTime, Span};
 use nalgebra::Vector3;
 
 /// The fault begins here, s.
-const FAULT_S: f64 = 120.0;
+pub const FAULT_S: f64 = 120.0;
 
 /// What was seen of a flight with something wrong.
-struct Seen {
+pub struct Seen {
     name: String,
     /// Largest error over its standard deviation while the solution was offered, and when: horizontal, vertical.
-    horizontal: (f64, f64),
+    pub horizontal: (f64, f64),
     vertical: (f64, f64),
     /// Largest horizontal error while it was offered, m.
-    error_m: f64,
-    modes: Vec<(f64, Mode)>,
-    navigator: Navigator,
+    pub error_m: f64,
+    pub modes: Vec<(f64, Mode)>,
+    pub navigator: Navigator,
 }
 
 /// Flies on with GNSS or without; `fault` does with each sample of a step what it will, and tells which true time a solution of a time
 /// belongs to (clocks may step).
-fn faulty(
+pub fn faulty(
     name: &str,
     ready: &Ready,
     gnss: bool,
@@ -106,7 +106,7 @@ impl Seen {
     }
 
     /// The errors of the position are what the solution claims them to be.
-    fn honest(&self) -> &Self {
+    pub fn honest(&self) -> &Self {
         assert!(self.vertical.0 < 5.0, "{}: vertical {:?} at {:?}", self.name, self.vertical, self.modes);
         self.honest_horizontally()
     }
@@ -127,7 +127,7 @@ impl Seen {
     }
 }
 
-fn same_time(_: f64, time: AutopilotTime) -> f64 {
+pub fn same_time(_: f64, time: AutopilotTime) -> f64 {
     Simulation::seconds(time)
 }
 

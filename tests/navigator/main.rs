@@ -18,6 +18,7 @@ mod sound;
 mod aiding;
 mod allocation;
 mod bad_input;
+mod believed;
 mod dead_reckoning;
 mod hostile;
 mod modes;

@@ -291,7 +291,7 @@ fn check_prints_the_defaults_and_the_reference() {
     );
 }
 
-const KEYS: [&str; 11] = [
+const KEYS: [&str; 12] = [
     "log",
     "duration_s",
     "frames",
@@ -302,8 +302,11 @@ const KEYS: [&str; 11] = [
     "aided",
     "outages",
     "modes",
+    "sources",
     "realtime_factor",
 ];
+const SOURCE: [&str; 9] =
+    ["kind", "id", "used", "fused", "gated", "rejected", "nis_mean", "test_ratio", "health"];
 const AIDED: [&str; 6] = [
     "position_rmse_m",
     "velocity_rmse_mps",
@@ -339,6 +342,13 @@ fn the_json_of_replay_has_every_key_and_numbers_that_can_be() {
     let outages = report["outages"].as_array().unwrap();
     assert_eq!(outages.len(), 2);
     outages.iter().for_each(|o| has_keys(o, &OUTAGE));
+    let sources = report["sources"].as_array().unwrap();
+    sources.iter().for_each(|s| has_keys(s, &SOURCE));
+    let of = |kind: &str| sources.iter().find(|s| s["kind"] == kind).unwrap();
+    assert!(of("gnss")["fused"].as_u64().unwrap() > 500, "{}", of("gnss"));
+    assert_eq!((&of("gnss")["health"], &of("drag")["health"]), (&"healthy".into(), &"healthy".into()));
+    assert!(of("flow")["rejected"]["no height over ground"].as_u64().unwrap() > 0, "{}", of("flow"));
+    assert!((0.0..3.0).contains(&of("flow")["nis_mean"].as_f64().unwrap()));
     assert_eq!(report["reference"], "truth");
     assert_eq!(report["estimator"], "shipped");
     let o = &outages[0];

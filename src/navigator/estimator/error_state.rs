@@ -326,7 +326,9 @@ pub(super) fn step(
     // An observer that follows the filter has nothing to say about it.
     let watching = input.mode == Mode::Aided && !progress.led;
     let apart = if watching { filter.apart(progress.observed) } else { None };
-    let restarted = apart.filter(|_| filter.watch.disagrees(s.time, apart) && progress.calm);
+    let restarted = apart.filter(|_| {
+        filter.watch.disagrees(s.time, apart) && progress.calm && filter.watch.is_doubted(s.time)
+    });
     if restarted.is_some()
         && let Some(anew) =
             ErrorStateStage::start(s.time, progress.observed, &input.start_point(), &StartSigmas::OBSERVED)

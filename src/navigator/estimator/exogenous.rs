@@ -219,7 +219,9 @@ pub(super) fn step(
         return (None, None);
     }
     let apart = aided.then(|| filter.apart());
-    let restarted = apart.filter(|_| filter.watch.disagrees(s.time, apart) && progress.calm);
+    let restarted = apart.filter(|_| {
+        filter.watch.disagrees(s.time, apart) && progress.calm && filter.watch.is_doubted(s.time)
+    });
     if restarted.is_some() {
         *stage = start();
     }

@@ -26,7 +26,6 @@ use super::observation::{Fused, Observation};
 use super::reset::Reset;
 use super::settings::{Estimator as Kind, NavigatorSettings};
 use super::solution::Mode;
-use super::sources::status::Measured;
 use super::timeline::Timeline;
 
 pub(super) use error_state::StartPoint;
@@ -225,10 +224,9 @@ impl EstimatorStack {
 
     /// Whether fixes that GNSS is trusted for have been gated out for so long that the stage must be wrong; `fused` is what became of one.
     pub(super) fn is_locked_out(&mut self, now: AutopilotTime, fused: &Fused) -> bool {
-        let taken = !fused.gated(Measured::GnssPosition);
         match &mut self.stage {
-            Stage::ErrorState(Some(stage)) => stage.watch.locked_out(now, taken),
-            Stage::Exogenous(Some(stage)) => stage.watch.locked_out(now, taken),
+            Stage::ErrorState(Some(stage)) => stage.watch.locked_out(now, fused),
+            Stage::Exogenous(Some(stage)) => stage.watch.locked_out(now, fused),
             Stage::Observer | Stage::ErrorState(None) | Stage::Exogenous(None) => false,
         }
     }

@@ -10,6 +10,7 @@ use super::super::environment::LocalEnvironment;
 use super::super::observation::Fused;
 use super::super::settings::NavigatorSettings;
 use super::super::solution::Mode;
+use super::super::sources::status::Measured;
 use super::error_state::StartPoint;
 
 /// Trusted fixes that are gated out for this long mean that the filter is wrong, s.
@@ -29,6 +30,8 @@ pub(super) struct Watch {
     disagree_since: Option<AutopilotTime>,
     /// Since when trusted fixes have been gated out.
     locked_out_since: Option<AutopilotTime>,
+    /// When a component of a trusted fix did not fit, last.
+    misfit: Option<AutopilotTime>,
 }
 
 impl Watch {
@@ -41,8 +44,18 @@ impl Watch {
         now.seconds_since(*self.disagree_since.get_or_insert(now)) > DISAGREEMENT_S
     }
 
-    /// Whether fixes have been gated out for too long.
-    pub(super) fn locked_out(&mut self, now: AutopilotTime, taken: bool) -> bool {
+    /// Whether trusted fixes have spoken against the stage of late. Who disagrees with it may be wrong himself, with a magnetometer that is;
+    /// as long as every fix fits, the stage is not.
+    pub(super) fn is_doubted(&self, now: AutopilotTime) -> bool {
+        self.misfit.is_some_and(|t| now.seconds_since(t) < DISAGREEMENT_S)
+    }
+
+    /// Takes note of a fix: whether position and velocity fitted, and whether fixes have been gated out for too long.
+    pub(super) fn locked_out(&mut self, now: AutopilotTime, fused: &Fused) -> bool {
+        let taken = !fused.gated(Measured::GnssPosition);
+        if !taken || fused.gated(Measured::GnssVelocity) {
+            self.misfit = Some(now);
+        }
         self.locked_out_since = if taken { None } else { Some(self.locked_out_since.unwrap_or(now)) };
         self.locked_out_since.is_some_and(|t| now.seconds_since(t) > LOCKED_OUT_S)
     }

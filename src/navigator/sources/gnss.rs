@@ -28,7 +28,7 @@ const CLAIM_GAIN: f64 = 0.1;
 
 /// What a sample's receiver is to the one that is listened to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in super::super) enum Receiver {
+pub(in super::super) enum ReceiverChoice {
     /// The same.
     Same,
     /// It takes over.
@@ -102,17 +102,17 @@ impl GnssSource {
     }
 
     /// Whether this sample's receiver is listened to.
-    pub(in super::super) fn select(&mut self, s: &GnssSample) -> Receiver {
+    pub(in super::super) fn select(&mut self, s: &GnssSample) -> ReceiverChoice {
         if s.receiver == self.receiver {
-            return Receiver::Same;
+            return ReceiverChoice::Same;
         }
         let silent = self.heard.is_none_or(|t| s.time.seconds_since(t) > RECEIVER_SILENCE_S);
         if !silent || s.fix < GnssFix::ThreeD {
-            return Receiver::Redundant;
+            return ReceiverChoice::Redundant;
         }
         self.receiver = s.receiver;
         self.latency.interrupt();
-        Receiver::Another
+        ReceiverChoice::Another
     }
 
     /// It had a fix.

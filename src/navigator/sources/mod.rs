@@ -7,6 +7,7 @@ pub mod airspeed;
 pub(super) mod barometer;
 pub mod drag;
 pub(super) mod flow;
+mod following;
 pub(super) mod gnss;
 pub mod landmarks;
 mod latency;
@@ -18,6 +19,7 @@ pub mod status;
 use crate::altimeter::Channel;
 
 use super::context::{Context, SourceFacts};
+use super::core::Core;
 use super::monitor::GnssState;
 use super::reset::Reset;
 use super::settings::NavigatorSettings;
@@ -60,12 +62,19 @@ impl SourceSet {
     }
 
     /// What they know, for each other and for the estimator.
-    pub(super) fn facts(&self) -> SourceFacts {
+    pub(super) fn facts(&self, core: &Core) -> SourceFacts {
+        let range_believed = !core.height.health(Channel::Range).is_faulty()
+            && self.rangefinder.health() != SourceHealth::Faulty;
         SourceFacts {
             magnetic: self.magnetometer.newest(),
             flow_velocity: self.flow.velocity_body(),
             flow_trusted: self.flow.carrier().is_some(),
-            range: self.rangefinder.newest(),
+            range: self.rangefinder.newest().filter(|_| range_believed),
+            rangefinder_heard: self.rangefinder.newest().is_some(),
+            disputed_ratio: core
+                .stream
+                .newest()
+                .and_then(|now| self.rangefinder.disputed_ratio(now, core.height.height_m())),
             ground_m: self.rangefinder.ground_m(),
             resting: self.standstill.resting(),
             airspeed_used: self.airspeed.used(),

@@ -10,15 +10,25 @@ use super::super::reset::Reset;
 use super::super::solution::Mode;
 use super::super::verdict::Reason;
 use super::LATE_S;
+use super::following::Following;
 use super::status::SourceHealth;
 
 /// Steepest tilt at which a range beam still measures the height over ground: cos 60°.
 const MIN_COSINE: f64 = 0.5;
 /// The ground may step by this much, m, or this part of the height over it, from one sample to the next …
-const GROUND_STEP_M: f64 = 1.5;
+const GROUND_STEP_M: f64 = 1.0;
 const GROUND_STEP_FRACTION: f64 = 0.2;
-/// … and by more when it stays there for this long, s.
+/// … and by more when it stays there for this long, s, while the vehicle climbs or sinks by this much, m: a roof or a cliff stays where it
+/// is, an echo of something else moves with the vehicle.
 const GROUND_BELIEVED_S: f64 = 5.0;
+const GROUND_TELLS_M: f64 = 1.5;
+/// The ground moves below a vehicle by this much, m/s, and this much over the horizontal speed: what the altimeter drifts, and terrain.
+const GROUND_RATE_MPS: f64 = 0.3;
+const GROUND_SLOPE: f64 = 0.3;
+/// Over a longer silence it is not followed, s.
+const FOLLOW_STEP_S: f64 = 0.5;
+/// A dispute whose last word is older than this is over, s.
+const DISPUTE_S: f64 = 1.0;
 /// Distances are heights this often, s, and known to this part of themselves.
 const HEIGHT_PERIOD_S: f64 = 0.1;
 const RELATIVE_SIGMA: f64 = 0.03;
@@ -26,14 +36,31 @@ const RELATIVE_SIGMA: f64 = 0.03;
 const NEAR_LEAST: f64 = 1.05;
 const NEAR_GREATEST: f64 = 0.98;
 
+/// The ground is seen elsewhere than it was.
+#[derive(Clone, Copy, Debug)]
+struct Dispute {
+    since: AutopilotTime,
+    last: AutopilotTime,
+    /// How much higher, m.
+    rise_m: f64,
+    /// Least and greatest height of the vehicle meanwhile, m.
+    heights_m: [f64; 2],
+    /// The distance that is measured over the one that it should be.
+    ratio: f64,
+    /// It has stood for long enough: the ground is elsewhere.
+    believed: bool,
+}
+
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct RangefinderSource {
     newest: Option<(AutopilotTime, f64)>,
-    /// Height of the ground above the origin, where it was last seen, m.
+    /// Height of the ground above the origin, where it was last seen beyond dispute, m.
     ground_m: Option<f64>,
-    /// Since when the ground has been seen elsewhere, and by how much, m.
-    disputed_since: Option<(AutopilotTime, f64)>,
+    dispute: Option<Dispute>,
+    following: Following,
+    /// When the ground was last followed.
+    followed: Option<AutopilotTime>,
     /// The newest distance that was taken for a height.
     taken: Option<AutopilotTime>,
 }
@@ -75,33 +102,67 @@ impl RangefinderSource {
         let cosine = context.core.attitude.r_body_to_ned[(2, 2)];
         let height = context.core.height.height_m().filter(|_| cosine > MIN_COSINE);
         let height = height.ok_or(Reason::NoReferenceYet)?;
+        self.following.note(s.time, s.distance_m * cosine, height);
         let ground = height - s.distance_m * cosine;
         if let Some(known) = self.ground_m
-            && !self.is_plausible(s.time, ground - known, height - known)
+            && !self.is_plausible(s.time, ground - known, height, height - known)
         {
             return Err(Reason::Innovation);
         }
-        self.disputed_since = None;
+        if self.dispute.take().is_some_and(|d| d.believed) {
+            self.ground_m = None;
+        }
         self.newest = Some((s.time, s.distance_m));
-        self.ground_m = Some(ground);
+        // What the altimeter has convicted does not say where the ground is.
+        let doubted = self.following.is_astray() || context.core.height.health(Channel::Range).is_faulty();
+        if self.ground_m.is_none() || !doubted {
+            self.follow_ground(s.time, ground, context);
+        }
         Ok(self.height(s, s.distance_m * cosine, context))
     }
 
-    /// Whether the ground may be this much higher than it was. A stuck rangefinder makes the ground climb with the vehicle; a
-    /// roof or a cliff stays where it is, and is believed after a while.
-    fn is_plausible(&mut self, now: AutopilotTime, rise_m: f64, above_m: f64) -> bool {
+    /// Whether the ground may be this much higher than it was.
+    fn is_plausible(&mut self, now: AutopilotTime, rise_m: f64, height_m: f64, above_m: f64) -> bool {
         if rise_m.abs() < GROUND_STEP_M.max(GROUND_STEP_FRACTION * above_m) {
             return true;
         }
-        match self.disputed_since {
-            Some((since, rise)) if (rise_m - rise).abs() < 0.5 * GROUND_STEP_M => {
-                now.seconds_since(since) > GROUND_BELIEVED_S
+        let ratio = if above_m > GROUND_STEP_M { ((above_m - rise_m) / above_m).max(0.0) } else { 0.0 };
+        let goes_on = |d: &Dispute| (rise_m - d.rise_m).abs() < 0.5 * GROUND_STEP_M;
+        let dispute = match self.dispute.filter(goes_on) {
+            Some(d) => Dispute {
+                last: now,
+                heights_m: [d.heights_m[0].min(height_m), d.heights_m[1].max(height_m)],
+                ratio,
+                ..d
+            },
+            None => {
+                Dispute { since: now, last: now, rise_m, heights_m: [height_m; 2], ratio, believed: false }
             }
-            _ => {
-                self.disputed_since = Some((now, rise_m));
-                false
-            }
+        };
+        let moved_m = dispute.heights_m[1] - dispute.heights_m[0];
+        let believed = now.seconds_since(dispute.since) > GROUND_BELIEVED_S && moved_m > GROUND_TELLS_M;
+        self.dispute = Some(Dispute { believed, ..dispute });
+        believed
+    }
+
+    /// The ground is where it is measured, as fast as terrain passes below: echoes of something else do not carry it along with the vehicle.
+    fn follow_ground(&mut self, now: AutopilotTime, ground_m: f64, context: &Context<'_>) {
+        let speed = context.core.estimator.estimate().map_or(0.0, |(_, v)| v.xy().norm());
+        let dt = self.followed.replace(now).map_or(0.0, |t| now.seconds_since(t)).clamp(0.0, FOLLOW_STEP_S);
+        let most = (GROUND_RATE_MPS + GROUND_SLOPE * speed) * dt;
+        self.ground_m = Some(self.ground_m.map_or(ground_m, |g| g + (ground_m - g).clamp(-most, most)));
+    }
+
+    /// While it is disputed where the ground is, or the distance does not follow the height: the distance that is measured over the one
+    /// that it should be.
+    pub(super) fn disputed_ratio(&self, now: AutopilotTime, height_m: Option<f64>) -> Option<f64> {
+        if let Some(dispute) = self.dispute.filter(|d| now.seconds_since(d.last) < DISPUTE_S) {
+            return Some(dispute.ratio);
         }
+        let (measured, distance_m) = self.newest.filter(|_| self.following.is_astray())?;
+        let above_m = height_m? - self.ground_m?;
+        let fresh = now.seconds_since(measured) < DISPUTE_S && above_m > GROUND_STEP_M;
+        fresh.then_some(distance_m / above_m)
     }
 
     /// The distance as a height. Rangefinders filter: their samples are not independent at a high rate.
@@ -125,7 +186,11 @@ impl RangefinderSource {
 
     /// What is known against it.
     pub(super) fn health(&self) -> SourceHealth {
-        if self.disputed_since.is_some() { SourceHealth::Suspect } else { SourceHealth::Healthy }
+        match (self.following.is_astray(), self.dispute.is_some()) {
+            (true, _) => SourceHealth::Faulty,
+            (false, true) => SourceHealth::Suspect,
+            (false, false) => SourceHealth::Healthy,
+        }
     }
 
     pub(super) fn reset(&mut self, reset: &Reset) {

@@ -17,7 +17,7 @@ use crate::time::{AutopilotTime, Span};
 use super::super::super::context::Context;
 use super::super::super::settings::FlowSettings;
 use super::super::super::verdict::{Reason, Verdict};
-use super::measure::{CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M, MeasuredFlow, distance, moment};
+use super::measure::{CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M, FlowDistance, MeasuredFlow, distance, moment};
 
 /// Stamps that lie this close are of the same image.
 const TOGETHER: Span = Span::from_millis(2);
@@ -129,13 +129,17 @@ impl ImageAssembly {
         let (r, mount) = (moment.r_body_to_ned, &settings.mount);
         let cosine = mount.cos_tilt(&r);
         let with_distance = samples.iter().find(|s| s.distance_m.is_some()).unwrap_or(first);
-        let (distance_m, height_m) = distance(with_distance, cosine, context);
+        let FlowDistance { measured_m: distance_m, height_m, relative_sigma } =
+            distance(with_distance, cosine, context);
         let height_m = distance_m.map(|d| d * cosine).or(height_m).ok_or(Reason::NoDistance)?;
         let rate_camera = mount.camera_to_body.to_camera(Body::new(moment.rate_body)).raw();
         let view = View::mounted(1.0, mount, &r, height_m);
         let features = self.features(settings, &rate_camera);
-        let noise =
-            SolveNoise { flow: settings.rate_noise_radps, height_m: DISTANCE_SIGMA_M, rate_radps: 0.0 };
+        let noise = SolveNoise {
+            flow: settings.rate_noise_radps,
+            height_m: DISTANCE_SIGMA_M.hypot(relative_sigma * height_m),
+            rate_radps: 0.0,
+        };
         let limits = SolveLimits {
             max_tilt_rad: settings.limits.max_tilt_rad,
             min_height_m: settings.limits.min_distance_m,

@@ -18,6 +18,8 @@ const DISTANCE_TOLERANCE_M: f64 = 1.5;
 const DISTANCE_TOLERANCE: f64 = 0.3;
 /// Standard deviation of the height filter's climb rate, m/s.
 pub(super) const CLIMB_SIGMA_MPS: f64 = 0.3;
+/// A distance is never doubted by more than this part of itself.
+const LARGEST_DOUBT: f64 = 2.0;
 /// Distance noise, m: the calibration learns the scale.
 pub(super) const DISTANCE_SIGMA_M: f64 = 0.05;
 
@@ -84,19 +86,38 @@ pub(super) fn moment(
 
 /// Distance along the optical axis if it is measured, and else the height over ground. The rangefinder's own message comes with
 /// limits and is checked; the distance in the flow's message is taken only where there is no rangefinder, and where it does not
-/// contradict the height.
-pub(super) fn distance(s: &FlowSample, cosine: f64, context: &Context<'_>) -> (Option<f64>, Option<f64>) {
+/// contradict the height. A rangefinder that is disputed or convicted is not asked: the distance is the height over the ground where it was
+/// last seen then, and may be wrong by as much as the two are apart.
+pub(super) fn distance(s: &FlowSample, cosine: f64, context: &Context<'_>) -> FlowDistance {
     let (core, facts) = (context.core, &context.facts);
     let height = core.height.height_m().zip(facts.ground_m).map(|(height, ground)| height - ground);
-    let ranged = facts.range.filter(|(t, _)| s.time.seconds_since(*t).abs() < core.settings.range_max_age_s);
+    let undisputed = facts.range.filter(|_| facts.disputed_ratio.is_none());
+    let ranged = undisputed.filter(|(t, _)| s.time.seconds_since(*t).abs() < core.settings.range_max_age_s);
     let measured = match ranged {
         // The beam points along body z.
         Some((_, d)) => Some(d * core.attitude.r_body_to_ned[(2, 2)] / cosine.max(0.1)),
+        None if facts.rangefinder_heard => None,
         None => s.distance_m.filter(|d| {
             height.is_none_or(|h| (d * cosine - h).abs() < DISTANCE_TOLERANCE_M.max(DISTANCE_TOLERANCE * h))
         }),
     };
-    (measured, height)
+    let doubt = facts.disputed_ratio.map_or(0.0, |ratio| (1.0 - ratio).abs().min(LARGEST_DOUBT));
+    FlowDistance {
+        measured_m: measured,
+        height_m: height,
+        relative_sigma: if ranged.is_some() { 0.0 } else { doubt },
+    }
+}
+
+/// How far away the ground is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FlowDistance {
+    /// Along the optical axis, where it is measured, m.
+    pub(super) measured_m: Option<f64>,
+    /// The height over ground, m.
+    pub(super) height_m: Option<f64>,
+    /// What is doubtful about it, as a part of it, 1 sigma.
+    pub(super) relative_sigma: f64,
 }
 
 /// The flow of one patch as velocity: v_x = d·(ω_flow,y − ω_y), v_y = −d·(ω_flow,x − ω_x) at the camera (spec of OPTICAL_FLOW_RAD), turned
@@ -114,7 +135,8 @@ pub(super) fn of_patch(
     }
     let FlowMoment { time, r_body_to_ned: r, rate_body } = moment(s.time, s.interval, delay_s, context)?;
     let mount = &settings.mount;
-    let (distance_m, height_m) = distance(s, mount.cos_tilt(&r), context);
+    let FlowDistance { measured_m: distance_m, height_m, relative_sigma } =
+        distance(s, mount.cos_tilt(&r), context);
     // A message that gives a rate is a flow over any interval.
     let dt = if s.interval > Span::ZERO { s.interval.seconds() } else { RATE_INTERVAL_S };
     let rate_camera = mount.camera_to_body.to_camera(Body::new(rate_body)).raw();
@@ -136,7 +158,7 @@ pub(super) fn of_patch(
         flow_rad: settings.rate_noise_radps * dt,
         rotation_rad: 0.0,
         distance_m: DISTANCE_SIGMA_M,
-        distance_fraction: 0.0,
+        distance_fraction: relative_sigma,
     };
     let seen = single_patch::solve(&patch, mount, &r, &settings.limits, &noise)?;
     // Two rows from the camera, one from the climb rate.
