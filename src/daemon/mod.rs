@@ -127,7 +127,7 @@ impl Daemon {
             pipeline: Pipeline::new(&settings.pipeline),
             mask: GnssMask::new(deny_gnss),
             status_texts: StatusTextSender::new(settings.statustext),
-            watch: ImuWatch::new(Span::from_seconds(settings.pipeline.navigator.imu_max_gap_s)),
+            watch: ImuWatch::new(Span::from_seconds(settings.pipeline.navigator.imu.max_gap_s)),
             beat: HeartbeatSender::default(),
             solution: None,
             inputs: Vec::with_capacity(16),

@@ -70,18 +70,10 @@ impl Estimator {
 pub struct NavigatorSettings {
     /// What navigates.
     pub estimator: Estimator,
-    /// A longer hole in the IMU stream interrupts the navigation, s.
-    pub imu_max_gap_s: f64,
-    /// The filter is carried over holes up to this, s.
-    pub imu_bridge_s: f64,
-    /// IMU samples are values of an instant, as autopilots stream them, and not means over the interval before.
-    pub imu_instantaneous: bool,
-    /// Use the magnetometer.
-    pub magnetometer: bool,
-    /// Largest relative deviation of the field's strength.
-    pub magnetometer_norm_error: f64,
-    /// Noise of a magnetometer axis, T.
-    pub magnetometer_sigma_t: f64,
+    /// IMU.
+    pub imu: ImuSettings,
+    /// Magnetometer.
+    pub magnetometer: MagnetometerSettings,
     /// Filter.
     pub kalman: EskfSettings,
     /// Receiver.
@@ -104,6 +96,28 @@ pub struct NavigatorSettings {
     pub holdover: HoldoverSettings,
     /// The way back.
     pub rejoin: RejoinSettings,
+}
+
+/// Settings of the IMU's stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuSettings {
+    /// A longer hole in the stream interrupts the navigation, s.
+    pub max_gap_s: f64,
+    /// The filter is carried over holes up to this, s.
+    pub bridge_s: f64,
+    /// Samples are values of an instant, as autopilots stream them, and not means over the interval before.
+    pub instantaneous: bool,
+}
+
+/// Settings of the magnetometer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MagnetometerSettings {
+    /// Use it.
+    pub enabled: bool,
+    /// Largest relative deviation of the field's strength.
+    pub norm_error: f64,
+    /// Noise of an axis, T.
+    pub sigma_t: f64,
 }
 
 /// Settings of the height.

@@ -21,7 +21,7 @@ const LONG_STEP_S: f64 = 0.1;
 
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
-        let (disarmed, max_gap_s) = (self.core.vehicle.disarmed(), self.core.settings.imu_max_gap_s);
+        let (disarmed, max_gap_s) = (self.core.vehicle.disarmed(), self.core.settings.imu.max_gap_s);
         let dt = match self.core.stream.hear(s, disarmed, max_gap_s) {
             Heard::Refused(reason) => return Verdict::Rejected(reason),
             Heard::First => {
@@ -62,7 +62,7 @@ impl Navigator {
     /// False when there is no filter, or the hole is too long.
     fn bridge(&mut self, s: &ImuSample, gap_s: f64) -> bool {
         let core = &mut self.core;
-        if gap_s > core.settings.imu_bridge_s {
+        if gap_s > core.settings.imu.bridge_s {
             return false;
         }
         let (Some(environment), Some(last)) = (core.surroundings.environment(), core.stream.last().copied())
@@ -104,7 +104,7 @@ impl Navigator {
         if core.estimator.observer().state().is_none() {
             return Verdict::Rejected(Reason::NoReferenceYet);
         }
-        let mean = core.stream.over_the_interval(s, core.settings.imu_instantaneous);
+        let mean = core.stream.over_the_interval(s, core.settings.imu.instantaneous);
         match core.estimator.step(&mean, dt, &input, &facts, &core.attitude.r_body_to_ned) {
             Some(outcome) => self.after_step(&mean, dt, &outcome, &facts),
             None => {

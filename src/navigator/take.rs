@@ -98,7 +98,7 @@ impl Navigator {
 
     pub(super) fn rangefinder(&mut self, s: &RangeSample) -> Verdict {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
-        match self.sources.rangefinder.observe(s, &context) {
+        match self.sources.rangefinders.observe(s, &context) {
             Err(reason) => Verdict::Rejected(reason),
             Ok(reading) => {
                 if let (Some(reading), Some(now)) = (reading, self.core.stream.newest()) {

@@ -2,7 +2,7 @@
 //! test until the entry says so.
 
 /// Structures of the core with more than 15 fields.
-pub const FIELDS: &[(&str, usize)] = &[("NavigatorSettings", 18)];
+pub const FIELDS: &[(&str, usize)] = &[];
 
 /// Types of the core, by room, whose methods stand in more than 3 files.
 pub const IMPL_FILES: &[(&str, usize)] = &[];

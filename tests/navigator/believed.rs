@@ -80,3 +80,32 @@ fn a_rangefinder_that_is_wrong_does_not_scale_the_flow() {
         }
     }
 }
+
+/// A second rangefinder, sound, beside a first that is stuck: it takes over, and the first again when it is well.
+#[test]
+fn a_second_rangefinder_is_the_spare_of_the_first() {
+    let seen = faulty(
+        "range stuck at 2 m for 60 s, with a spare",
+        ready_rotor(),
+        false,
+        |t, s, out| {
+            out.push(*s);
+            if let Sample::Range(r) = s {
+                let mut first = *r;
+                first.distance_m = if t < FAULT_S + 60.0 { 2.0 } else { r.distance_m };
+                out.pop();
+                out.push(Sample::Range(first));
+                let mut spare = *r;
+                spare.sensor = r.sensor + 1;
+                out.push(Sample::Range(spare));
+            }
+        },
+        same_time,
+    );
+    seen.honest();
+    let reports = seen.navigator.source_reports();
+    let ranges: Vec<_> = reports.iter().filter(|r| r.kind == SourceKind::Rangefinder).collect();
+    assert_eq!(ranges.len(), 2);
+    assert!(ranges[1].used > 1000 && ranges[1].health == SourceHealth::Healthy, "{:?}", ranges[1]);
+    assert!(seen.error_m < 5.0, "{} m", seen.error_m);
+}

@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use crate::navigator::settings::NavigatorSettings;
+use crate::navigator::settings::{ImuSettings, MagnetometerSettings, NavigatorSettings};
 use crate::outbound::{OutboundSettings, Profile};
 use crate::pipeline::PipelineSettings;
 use crate::wire::endpoint::Endpoint;
@@ -148,12 +148,16 @@ impl AllKeys {
         cameras::check(&self.cameras, complain);
         NavigatorSettings {
             estimator: self.navigator.estimator,
-            imu_instantaneous: tuning.imu.samples == imu::ImuSamples::Instants,
-            imu_bridge_s: tuning.imu.bridge_ms * 1e-3,
-            imu_max_gap_s: tuning.imu.max_gap_ms * 1e-3,
-            magnetometer: self.magnetometer.r#use,
-            magnetometer_norm_error: tuning.magnetometer.max_norm_error,
-            magnetometer_sigma_t: tuning.magnetometer.noise_ut * 1e-6,
+            imu: ImuSettings {
+                instantaneous: tuning.imu.samples == imu::ImuSamples::Instants,
+                bridge_s: tuning.imu.bridge_ms * 1e-3,
+                max_gap_s: tuning.imu.max_gap_ms * 1e-3,
+            },
+            magnetometer: MagnetometerSettings {
+                enabled: self.magnetometer.r#use,
+                norm_error: tuning.magnetometer.max_norm_error,
+                sigma_t: tuning.magnetometer.noise_ut * 1e-6,
+            },
             kalman: tuning.filter.settings(tuning.drag.coefficient_sigma_per_s),
             gnss: self.gnss.settings(&tuning.gnss),
             flow: self.flow.settings(&tuning.flow, &self.cameras, complain),

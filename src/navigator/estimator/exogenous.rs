@@ -147,7 +147,7 @@ impl ExogenousStage {
             && now >= self.magnetic_due
         {
             self.magnetic_due = now + Span::from_seconds(MAGNETIC_PERIOD_S);
-            let variance = input.settings.magnetometer_sigma_t.powi(2);
+            let variance = input.settings.magnetometer.sigma_t.powi(2);
             for axis in 0..3 {
                 let result = self.filter.fuse_direction(&self.about, axis, body[axis], &field, variance);
                 fused.note(Measured::Magnetometer, result);

@@ -338,7 +338,7 @@ impl EstimatorStack {
             self.heading.stop();
             return false;
         }
-        self.heading.seek(s, dt, input.environment.gravity_ned.z, input.settings.imu_instantaneous)
+        self.heading.seek(s, dt, input.environment.gravity_ned.z, input.settings.imu.instantaneous)
     }
 
     /// A velocity of GNSS for the search; a blind observer is levelled by it.

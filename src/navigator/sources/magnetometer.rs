@@ -47,8 +47,8 @@ impl MagnetometerSource {
         s: &MagSample,
         context: &Context<'_>,
     ) -> Result<Observation, Reason> {
-        let settings = &context.core.settings;
-        if !settings.magnetometer {
+        let settings = &context.core.settings.magnetometer;
+        if !settings.enabled {
             return Err(Reason::SwitchedOff);
         }
         let norm = s.field.raw().norm();
@@ -64,7 +64,7 @@ impl MagnetometerSource {
             .environment()
             .and_then(|e| e.field_ned)
             .ok_or(Reason::NoReferenceYet)?;
-        if (norm / field_ned.norm() - 1.0).abs() > settings.magnetometer_norm_error {
+        if (norm / field_ned.norm() - 1.0).abs() > settings.norm_error {
             return Err(Reason::FieldStrength);
         }
         if context.is_late(s.time, LATE_S) {
@@ -74,11 +74,7 @@ impl MagnetometerSource {
             return Err(Reason::Stuck);
         }
         self.newest = Some((s.time, s.field.raw()));
-        Ok(Observation::Magnetic {
-            field_body: s.field.raw(),
-            field_ned,
-            sigma_t: settings.magnetometer_sigma_t,
-        })
+        Ok(Observation::Magnetic { field_body: s.field.raw(), field_ned, sigma_t: settings.sigma_t })
     }
 
     /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.

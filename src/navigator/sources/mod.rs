@@ -12,7 +12,8 @@ pub(super) mod gnss;
 pub mod landmarks;
 mod latency;
 pub(super) mod magnetometer;
-pub(super) mod rangefinder;
+mod rangefinder;
+pub(super) mod rangefinders;
 pub(super) mod standstill;
 pub mod status;
 
@@ -37,7 +38,7 @@ pub(super) struct SourceSet {
     pub(super) gnss: gnss::GnssSource,
     pub(super) magnetometer: magnetometer::MagnetometerSource,
     pub(super) barometer: barometer::BarometerSource,
-    pub(super) rangefinder: rangefinder::RangefinderSource,
+    pub(super) rangefinders: rangefinders::Rangefinders,
     pub(super) flow: flow::FlowSource,
     pub(super) airspeed: airspeed::AirspeedSource,
     pub(super) drag: drag::DragSource,
@@ -52,7 +53,7 @@ impl SourceSet {
             gnss: gnss::GnssSource::new(&settings.gnss),
             magnetometer: magnetometer::MagnetometerSource::default(),
             barometer: barometer::BarometerSource::default(),
-            rangefinder: rangefinder::RangefinderSource::default(),
+            rangefinders: rangefinders::Rangefinders::default(),
             flow: flow::FlowSource::new(),
             airspeed: airspeed::AirspeedSource::default(),
             drag: drag::DragSource::new(&settings.drag),
@@ -63,19 +64,22 @@ impl SourceSet {
 
     /// What they know, for each other and for the estimator.
     pub(super) fn facts(&self, core: &Core) -> SourceFacts {
-        let range_believed = !core.height.health(Channel::Range).is_faulty()
-            && self.rangefinder.health() != SourceHealth::Faulty;
+        let range = self.rangefinders.in_use();
+        let believed = |r: &&rangefinder::RangefinderSource| {
+            r.health() != SourceHealth::Faulty && !core.height.health(Channel::Range).is_faulty()
+        };
         SourceFacts {
             magnetic: self.magnetometer.newest(),
             flow_velocity: self.flow.velocity_body(),
             flow_trusted: self.flow.carrier().is_some(),
-            range: self.rangefinder.newest().filter(|_| range_believed),
-            rangefinder_heard: self.rangefinder.newest().is_some(),
+            range: range.filter(believed).and_then(rangefinder::RangefinderSource::newest),
+            rangefinder_heard: range.is_some_and(|r| r.newest().is_some()),
             disputed_ratio: core
                 .stream
                 .newest()
-                .and_then(|now| self.rangefinder.disputed_ratio(now, core.height.height_m())),
-            ground_m: self.rangefinder.ground_m(),
+                .zip(range)
+                .and_then(|(now, r)| r.disputed_ratio(now, core.height.height_m())),
+            ground_m: range.and_then(rangefinder::RangefinderSource::ground_m),
             resting: self.standstill.resting(),
             airspeed_used: self.airspeed.used(),
             drag_used: self.drag.used(),
@@ -109,7 +113,10 @@ impl SourceSet {
                 .barometer
                 .channel(id)
                 .map_or(SourceHealth::Suspect, |(channel, own)| own.worse(by_altimeter(channel))),
-            SourceKind::Rangefinder => self.rangefinder.health().worse(by_altimeter(Channel::Range)),
+            SourceKind::Rangefinder => match self.rangefinders.health(id) {
+                (own, true) => own.worse(by_altimeter(Channel::Range)),
+                (own, false) => own,
+            },
             SourceKind::Magnetometer => self.magnetometer.health().worse(status.fit()),
             SourceKind::Flow => self.flow.health(id),
             SourceKind::Landmarks => {
@@ -123,7 +130,7 @@ impl SourceSet {
         self.gnss.reset(reset);
         self.magnetometer.reset(reset);
         self.barometer.reset(reset);
-        self.rangefinder.reset(reset);
+        self.rangefinders.reset(reset);
         self.flow.reset(reset);
         self.airspeed.reset(reset);
         self.drag.reset(reset);

@@ -1,7 +1,7 @@
-//! The rangefinder: the distance to the ground, where the ground is, and near it a height.
+//! A rangefinder: the distance to the ground, where the ground is, and near it a height.
 
 use crate::altimeter::Channel;
-use crate::sample::{RangeDirection, RangeSample};
+use crate::sample::RangeSample;
 use crate::time::AutopilotTime;
 
 use super::super::context::Context;
@@ -53,7 +53,7 @@ struct Dispute {
 
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in super::super) struct RangefinderSource {
+pub(super) struct RangefinderSource {
     newest: Option<(AutopilotTime, f64)>,
     /// Height of the ground above the origin, where it was last seen beyond dispute, m.
     ground_m: Option<f64>,
@@ -77,14 +77,11 @@ impl RangefinderSource {
     }
 
     /// Takes a distance. A height when one is due: near the ground, where the ground is one.
-    pub(in super::super) fn observe(
+    pub(super) fn observe(
         &mut self,
         s: &RangeSample,
         context: &Context<'_>,
     ) -> Result<Option<HeightReading>, Reason> {
-        if s.direction != RangeDirection::Down {
-            return Err(Reason::NotUsed);
-        }
         if !s.distance_m.is_finite() {
             return Err(Reason::NotFinite);
         }
