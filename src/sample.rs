@@ -221,7 +221,7 @@ pub struct FlowSample {
     pub time: AutopilotTime,
     /// Which sensor or patch.
     pub sensor: u8,
-    /// How long the flow was integrated; zero where the message gives a rate.
+    /// How long the flow was integrated; zero where the message gives a rate, and is sent once for each reading.
     pub interval: Span,
     /// Mean flow rate about the sensor's x and y axes, rad/s.
     pub rate_xy: [f64; 2],
