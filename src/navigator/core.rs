@@ -24,11 +24,7 @@ use super::sources::{airspeed, drag};
 use super::stream::ImuStream;
 use super::timeline::Timeline;
 use super::vehicle::VehicleState;
-
-/// IMU samples remembered: 1.5 s at 333 Hz.
-const REMEMBERED: usize = 512;
-/// The position is that of landmarks for this long after a fix by them, s.
-const LANDMARKS_CARRY_S: f64 = 1.5;
+use crate::navigator::tuning::core::{LANDMARKS_CARRY_S, REMEMBERED};
 
 /// How the body stands and turns, as it is published.
 #[derive(Clone, Copy, Debug)]

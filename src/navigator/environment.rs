@@ -3,13 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::geo::{Geodetic, LocalNed, Ned, earth_rate_ned, gravity::gravity_ned, magnetic_field};
-
-/// The year whose magnetic field is taken while no clock has told the date.
-const DEFAULT_YEAR: f64 = 2026.0;
-/// A date that is off by less changes no field, years.
-const YEAR_TOLERANCE: f64 = 0.02;
-/// An origin further from the vehicle's first place than this is a damaged or hostile message, m.
-const FARTHEST_ORIGIN_M: f64 = 100_000.0;
+use crate::navigator::tuning::environment::{DEFAULT_YEAR, FARTHEST_ORIGIN_M, YEAR_TOLERANCE};
 
 /// A place, as far as navigation is concerned.
 #[derive(Clone, Debug)]

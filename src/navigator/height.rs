@@ -7,11 +7,7 @@ use super::event::{EventKind, EventLog};
 use super::reset::Reset;
 use super::settings::HeightSettings;
 use super::verdict::{Reason, Verdict};
-
-/// A height that a channel moves after so long a silence is a return, s.
-const SILENT_S: f64 = 1.0;
-/// What a vertical acceleration may be that nobody has measured, m/s².
-const UNKNOWN_VERTICAL: f64 = 2.0;
+use crate::navigator::tuning::height::{SILENT_S, UNKNOWN_VERTICAL};
 
 /// A height of a source, above the origin, for the altimeter.
 #[derive(Clone, Copy, Debug, PartialEq)]

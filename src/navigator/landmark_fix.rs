@@ -13,14 +13,10 @@ use super::event::{EventKind, TransitionReason};
 use super::observation::Observation;
 use super::solution::Mode;
 use super::sources::SourceSet;
-use super::sources::landmarks::{LandmarkFix, PERIOD_S, PoseNews};
+use super::sources::landmarks::{LandmarkFix, PoseNews};
 use super::sources::status::{Measured, SourceId, SourceKind};
-
-/// A correction beyond this is no tracking any more, and glides, m.
-const SHOWN_AT_ONCE_M: f64 = 0.1;
-/// An observer's velocity is off by this much in manoeuvres, m/s: more than the drift that is configured, and the landmarks' filter, which
-/// it carries, lags by as much in the time that it forgets in.
-const OBSERVED_SPEED_SIGMA: f64 = 0.5;
+use crate::navigator::tuning::landmark_fix::{OBSERVED_SPEED_SIGMA, SHOWN_AT_ONCE_M};
+use crate::navigator::tuning::landmark_pose::PERIOD_S;
 
 /// The variance of one of many poses of one filter. It forgets in τ = P/drift², its errors are correlated for as long, and the mean of
 /// them is as good as that of independent ones with the variance 2τ/T P. Without that the filter that is corrected is faster than the one

@@ -38,6 +38,7 @@ mod step;
 mod stream;
 mod take;
 mod timeline;
+mod tuning;
 mod uncertainty;
 mod vehicle;
 pub mod verdict;

@@ -8,15 +8,7 @@ use nalgebra::{Matrix2, Vector3};
 
 use super::reset::Reset;
 use super::settings::{HeightSettings, RejoinSettings};
-
-/// The position has joined the estimate when it is this near, m.
-const JOINED_M: f64 = 0.05;
-/// What single heights move the height by is shown over this time, s: enough that nothing steps, too little to lag.
-const SMOOTHED_S: f64 = 0.25;
-/// A height whose distance to the estimate is below this has joined it, m.
-const HEIGHT_JOINED_M: f64 = 1e-3;
-/// An origin that moved by less moves nobody, m.
-const ORIGIN_MOVED_M: f64 = 0.01;
+use crate::navigator::tuning::published::{HEIGHT_JOINED_M, JOINED_M, ORIGIN_MOVED_M, SMOOTHED_S};
 
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]

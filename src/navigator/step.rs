@@ -15,9 +15,7 @@ use super::timeline::Snapshot;
 use super::vehicle::VehicleState;
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, landmark_fix};
-
-/// A step longer than this leaves room for what was not seen, s.
-const LONG_STEP_S: f64 = 0.1;
+use crate::navigator::tuning::step::LONG_STEP_S;
 
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {

@@ -6,17 +6,7 @@ use nalgebra::Vector3;
 
 use super::reset::Reset;
 use super::verdict::Reason;
-
-/// Autopilots' IMUs measure up to 2000 °/s and 16 g; at their limits, less 1 %, they tell the limit and not the motion, rad/s and m/s².
-/// What is missed so is bridged by the samples around it, and where that takes too long, it is a hole in the stream.
-const FULL_RATE: f64 = 34.55;
-const FULL_FORCE: f64 = 155.3;
-/// Far beyond any sensor (m/s² or rad/s), and far from where squares overflow.
-const POSSIBLE: f64 = 1e4;
-/// An IMU in the air that tells the same six numbers for this long is stuck, s.
-const STUCK_S: f64 = 0.5;
-/// A stream that goes on in the past for this long has another clock than it had, s.
-const BEHIND_S: f64 = 0.2;
+use crate::navigator::tuning::stream::{BEHIND_S, FULL_FORCE, FULL_RATE, POSSIBLE, STUCK_S};
 
 /// What is remembered of the stream.
 #[derive(Clone, Copy, Debug, Default)]

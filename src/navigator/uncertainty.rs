@@ -6,15 +6,8 @@ use super::context::SourceFacts;
 use super::core::Core;
 use super::estimator::has_magnetometer;
 use super::solution::Mode;
-use super::sources::gnss::VERTICAL_RATIO;
-
-/// Attitude uncertainty while aligning, rad.
-const UNKNOWN_ATTITUDE: f64 = 0.5;
-/// Velocity uncertainty with GNSS, m/s.
-const AIDED_VELOCITY_SIGMA: f64 = 0.15;
-/// What "not known" is in metres and m/s: for a solution that is still aligning.
-const UNKNOWN_M: f64 = 1e4;
-const UNKNOWN_MPS: f64 = 100.0;
+use crate::navigator::tuning::gnss::VERTICAL_RATIO;
+use crate::navigator::tuning::uncertainty::{AIDED_VELOCITY_SIGMA, UNKNOWN_ATTITUDE, UNKNOWN_M, UNKNOWN_MPS};
 
 /// The covariance of a horizontal position or velocity that is nowhere known.
 fn unknown() -> (Matrix2<f64>, Matrix2<f64>) {

@@ -3,10 +3,7 @@
 use crate::sample::{Airframe, VehicleStatus};
 
 use super::reset::Reset;
-
-/// A vehicle that is this fast, m/s, or this high above where it began, m, is in the air, whatever it says of its motors.
-const FLYING_MPS: f64 = 3.0;
-const FLYING_M: f64 = 3.0;
+use crate::navigator::tuning::vehicle::{FLYING_M, FLYING_MPS};
 
 /// The vehicle's own word, and what contradicts it.
 #[derive(Clone, Copy, Debug, Default)]

@@ -17,26 +17,10 @@ use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::super::timeline::Timeline;
 use super::step::{Progress, StepInput, Stepped, Watch};
-
-/// Standard deviations at the start: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
-pub(super) const START_TILT: f64 = 0.05;
-pub(super) const START_YAW: f64 = 0.17;
-pub(super) const START_VELOCITY: f64 = 0.7;
-pub(super) const START_GYRO_BIAS: f64 = 0.005;
-pub(super) const START_ACCEL_BIAS: f64 = 0.15;
-/// The magnetometer is fused this often, s: its errors are not white.
-pub(super) const MAGNETIC_PERIOD_S: f64 = 0.1;
-/// The height is fused this often, s.
-pub(super) const HEIGHT_PERIOD_S: f64 = 0.1;
-/// Standard deviation of the height filter's height as a measurement, m.
-pub(super) const HEIGHT_SIGMA_M: f64 = 0.5;
-/// Beyond this bank or pitch a wing does not fly nose first: cos 60°.
-const MIN_UPRIGHT: f64 = 0.5;
-/// How far rotation and acceleration in a hole may be from those at its ends, rad/s and m/s², 1 sigma.
-const UNKNOWN_RATE: f64 = 0.3;
-const UNKNOWN_ACCELERATION: f64 = 2.0;
-/// The motion in a hole is integrated in steps of this, s.
-const BRIDGE_STEP_S: f64 = 0.02;
+use crate::navigator::tuning::error_state::{
+    BRIDGE_STEP_S, HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, MIN_UPRIGHT, START_ACCEL_BIAS,
+    START_GYRO_BIAS, START_TILT, START_VELOCITY, START_YAW, UNKNOWN_ACCELERATION, UNKNOWN_RATE,
+};
 
 /// Standard deviations of what the filter starts from: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s).
 pub(super) struct StartSigmas {

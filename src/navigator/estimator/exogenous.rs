@@ -20,15 +20,13 @@ use super::super::observation::{Fused, Observation};
 use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::super::timeline::Timeline;
-use super::error_state::{
-    HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, START_ACCEL_BIAS, START_GYRO_BIAS, START_TILT,
-    START_VELOCITY, START_YAW, StartPoint,
-};
+use super::error_state::StartPoint;
 use super::step::{Progress, StepInput, Stepped, Watch};
-
-/// The second stage has no states for what comes with motion (gyro scale, vibration, the sampling of the stream): its white noise, as a
-/// multiple of the shipped filter's, stands for all of it.
-const NOISE_FACTOR: f64 = 3.0;
+use crate::navigator::tuning::error_state::{
+    HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, START_ACCEL_BIAS, START_GYRO_BIAS, START_TILT,
+    START_VELOCITY, START_YAW,
+};
+use crate::navigator::tuning::exogenous::NOISE_FACTOR;
 
 /// The second stage, and when it was last fed.
 #[derive(Clone, Debug)]

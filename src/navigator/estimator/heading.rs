@@ -7,10 +7,9 @@ use crate::geo::{polar_rotation, so3};
 use crate::sample::ImuSample;
 use crate::time::AutopilotTime;
 
-use super::error_state::{START_TILT, START_VELOCITY, StartSigmas};
-
-/// A heading from motion is not believed better than this, rad: what is systematic in a manoeuvre (scale, latency, alignment).
-const LEAST_YAW: f64 = 0.12;
+use super::error_state::StartSigmas;
+use crate::navigator::tuning::error_state::{START_TILT, START_VELOCITY};
+use crate::navigator::tuning::heading::LEAST_YAW;
 
 /// The search for a heading, and whether the one that is flown on came from it.
 #[derive(Clone, Debug, Default)]

@@ -28,17 +28,15 @@ use super::settings::{Estimator as Kind, NavigatorSettings};
 use super::solution::Mode;
 use super::timeline::Timeline;
 
+use crate::navigator::tuning::estimator::{AIDED_SPEED_SIGMA, UNKNOWN_SPEED_SIGMA};
+use crate::navigator::tuning::observer::WAIT_FOR_MAGNETOMETER_S;
 pub(super) use error_state::StartPoint;
 use error_state::{ErrorStateStage, StartSigmas};
 use exogenous::ExogenousStage;
 use heading::HeadingSearch;
-use observer::{ObserverStage, WAIT_FOR_MAGNETOMETER_S};
+use observer::ObserverStage;
 use step::{Progress, is_blind};
 pub(super) use step::{SeekInput, StepInput, StepOutcome, Stepped, has_flow, has_magnetometer};
-
-/// Standard deviation of the velocity when a fix has set it, and when it could not, m/s.
-const AIDED_SPEED_SIGMA: f64 = 0.3;
-const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
 
 /// The stage over the observer.
 #[derive(Clone, Debug)]

@@ -11,23 +11,15 @@ use crate::observer::{
     Innovation, MagneticPair, ObserverState, Predictor, Scheme, Signal, StepReport, fusini, grip,
 };
 use crate::sample::ImuSample;
-use crate::time::{AutopilotTime, Span};
+use crate::time::AutopilotTime;
 
 use super::super::environment::LocalEnvironment;
 use super::super::settings::{Estimator as Kind, FlowBiasSource, NavigatorSettings, ObserverSettings};
 use super::super::solution::Mode;
 use super::step::StepInput;
-
-/// The interval that Grip's printed gains are for, s. Jitter makes no second step of it.
-const PRINTED_STEP_S: f64 = 0.012;
-/// The rate that Fusini's are for, Hz.
-const PRINTED_RATE_HZ: f64 = 300.0;
-/// A vehicle that hears no magnetometer for this long starts without, s.
-pub(super) const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
-/// How long after its last measurement an axis of the measurement signal counts as measured.
-const SIGNAL_HOLD: Span = Span::from_millis(700);
-/// The predictor remembers this much of the past; fixes have to be younger still.
-const LONGEST_DELAY: Span = Span::from_millis(1500);
+use crate::navigator::tuning::observer::{
+    LONGEST_DELAY, PRINTED_RATE_HZ, PRINTED_STEP_S, SIGNAL_HOLD, WAIT_FOR_MAGNETOMETER_S,
+};
 
 /// Which gains are in force when.
 #[derive(Clone, Debug)]

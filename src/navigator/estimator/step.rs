@@ -12,17 +12,9 @@ use super::super::settings::NavigatorSettings;
 use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::error_state::StartPoint;
-
-/// Trusted fixes that are gated out for this long mean that the filter is wrong, s.
-const LOCKED_OUT_S: f64 = 2.0;
-/// Observer and filter disagree when their attitudes differ by this much, rad …
-const DISAGREEMENT: f64 = 0.35;
-/// … for this long, s.
-const DISAGREEMENT_S: f64 = 5.0;
-/// A magnetometer sample is used for this long, s.
-const MAGNETIC_AGE_S: f64 = 0.5;
-/// A flow velocity is used for this long, s.
-const FLOW_AGE_S: f64 = 0.5;
+use crate::navigator::tuning::estimator_step::{
+    DISAGREEMENT, DISAGREEMENT_S, FLOW_AGE_S, LOCKED_OUT_S, MAGNETIC_AGE_S,
+};
 
 /// Since when a stage has disagreed with what it stands on.
 #[derive(Clone, Copy, Debug, Default)]

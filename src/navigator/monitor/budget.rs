@@ -7,6 +7,8 @@
 //! error that changes with time, and a scale that wanders with terrain. Without any velocity, the budget is that of inertial
 //! coasting: initial velocity ∝ t, tilt ∝ g·t²/2, gyro bias ∝ g·t³/6.
 
+use crate::geo::NOMINAL_GRAVITY_MPS2;
+use crate::navigator::tuning::budget::SCALE_CORRELATION_M;
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Matrix4, Vector2};
 
 /// The error sources of dead reckoning that nothing measures in flight.
@@ -27,10 +29,6 @@ pub struct BudgetSettings {
     /// Error of the gyro bias, rad/s.
     pub gyro_bias_sigma_radps: f64,
 }
-
-/// Path over which the ground's effect on the scale changes, m.
-const SCALE_CORRELATION_M: f64 = 100.0;
-const GRAVITY: f64 = 9.81;
 
 /// Horizontal uncertainty since the start of an outage.
 #[derive(Clone, Debug)]
@@ -106,8 +104,8 @@ impl ErrorBudget {
         self.walk += after * after - before * before;
         self.elapsed_s += dt;
         let t = self.coasted_s;
-        let v =
-            s.velocity_sigma_mps + GRAVITY * (s.tilt_sigma_rad * t + 0.5 * s.gyro_bias_sigma_radps * t * t);
+        let v = s.velocity_sigma_mps
+            + NOMINAL_GRAVITY_MPS2 * (s.tilt_sigma_rad * t + 0.5 * s.gyro_bias_sigma_radps * t * t);
         self.velocity = Matrix2::identity() * v * v;
     }
 
@@ -115,8 +113,8 @@ impl ErrorBudget {
         let (s, t) = (&self.settings, self.coasted_s);
         let terms = [
             s.velocity_sigma_mps * t,
-            GRAVITY * s.tilt_sigma_rad * t * t / 2.0,
-            GRAVITY * s.gyro_bias_sigma_radps * t.powi(3) / 6.0,
+            NOMINAL_GRAVITY_MPS2 * s.tilt_sigma_rad * t * t / 2.0,
+            NOMINAL_GRAVITY_MPS2 * s.gyro_bias_sigma_radps * t.powi(3) / 6.0,
         ];
         terms.iter().map(|v| v * v).sum::<f64>().sqrt()
     }

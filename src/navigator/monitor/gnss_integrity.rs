@@ -11,6 +11,7 @@ use crate::sample::{GnssFix, GnssSample};
 use crate::time::AutopilotTime;
 
 use super::super::reset::Reset;
+use crate::navigator::tuning::gnss_integrity::{NORMAL_GAIN, TRACK_HOLE_S, TRACK_LEN};
 
 /// Limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -161,13 +162,6 @@ pub struct GnssIntegrity {
     /// Mean square velocity innovation of good fixes, m²/s².
     velocity_ms: f64,
 }
-
-/// Fixes remembered for the consistency test (15 s at 8 Hz).
-const TRACK_LEN: usize = 128;
-/// A hole in the fixes longer than this ends the comparison of positions with velocities, s.
-const TRACK_HOLE_S: f64 = 1.0;
-/// Gain of the running mean squares: some 50 fixes.
-const NORMAL_GAIN: f64 = 0.02;
 
 impl GnssIntegrity {
     /// Nothing heard yet.

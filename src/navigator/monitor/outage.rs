@@ -7,9 +7,7 @@ use crate::time::AutopilotTime;
 use super::super::settings::HoldoverSettings;
 use super::super::solution::{Mode, VelocitySource};
 use super::budget::ErrorBudget;
-
-/// What carries is told when it has carried for this long, s.
-const TOLD_AFTER_S: f64 = 3.0;
+use crate::navigator::tuning::outage::TOLD_AFTER_S;
 
 /// See the module's documentation.
 #[derive(Clone, Debug)]

@@ -12,16 +12,10 @@ use super::super::observation::{Fused, Observation};
 use super::super::reset::Reset;
 use super::super::settings::Estimator;
 use super::super::verdict::{Reason, Verdict};
-use super::LATE_S;
 use super::status::Measured;
-
-/// Noise is stated for samples this far apart, s: gusts last, and more samples tell no more.
-const SAMPLE_INTERVAL_S: f64 = 0.2;
-/// Beyond this load a wing does not fly nose first, in g.
-const MAX_LOAD_G: f64 = 2.5;
-const GRAVITY: f64 = 9.81;
-/// An airspeed carries the velocity for this long, s.
-const CARRIES_S: f64 = 2.0;
+use crate::geo::NOMINAL_GRAVITY_MPS2;
+use crate::navigator::tuning::airspeed::{CARRIES_S, MAX_LOAD_G, SAMPLE_INTERVAL_S};
+use crate::navigator::tuning::every_source::LATE_S;
 
 /// Settings of the airspeed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,7 +77,10 @@ impl AirspeedSource {
             return Err(Reason::NoReferenceYet);
         }
         let often = (SAMPLE_INTERVAL_S / interval_s.max(1e-3)).max(1.0).sqrt();
-        let load = core.stream.last().map_or(f64::INFINITY, |i| i.specific_force.raw().norm() / GRAVITY);
+        let load = core
+            .stream
+            .last()
+            .map_or(f64::INFINITY, |i| i.specific_force.raw().norm() / NOMINAL_GRAVITY_MPS2);
         let nose_first = load < MAX_LOAD_G && air.sideslip_sigma_rad > 0.0;
         Ok(Observation::Airspeed {
             speed_mps,

@@ -10,14 +10,7 @@ use super::super::height::HeightReading;
 use super::super::reset::Reset;
 use super::super::verdict::Reason;
 use super::status::SourceHealth;
-
-/// A pressure is carried to the present for this long, s.
-const LATE_S: f64 = 0.6;
-/// A barometer that is silent for this long has left its place to another, s.
-const SILENCE_S: f64 = 10.0;
-/// A barometer that tells exactly the same for this long, s, while the vehicle has climbed by this much, m, is stuck.
-const STUCK_S: f64 = 1.0;
-const STUCK_CLIMB_M: f64 = 1.5;
+use crate::navigator::tuning::barometer::{LATE_S, SILENCE_S, STUCK_CLIMB_M, STUCK_S};
 
 /// The channels of the two that are listened to.
 const CHANNELS: [Channel; 2] = [Channel::Baro, Channel::SecondBaro];

@@ -19,19 +19,7 @@ use super::super::observation::{Fused, Observation};
 use super::super::reset::Reset;
 use super::super::settings::Estimator;
 use super::super::solution::{Mode, VelocitySource};
-
-/// The force is averaged over this long, s.
-const PERIOD_S: f64 = 0.1;
-/// Innovations are averaged over this long, s, their mean square over this long, s, …
-const MEAN_S: f64 = 5.0;
-const SPREAD_S: f64 = 60.0;
-/// … and what they show lasts this long, s.
-const LASTING_S: f64 = 30.0;
-/// Drag carries the velocity for this long, s, …
-const AGE_S: f64 = 1.0;
-/// … and when it is there at all, 1/s, and known this many times better than it is large.
-const LEAST_DRAG: f64 = 0.05;
-const KNOWN: f64 = 4.0;
+use crate::navigator::tuning::drag::{AGE_S, KNOWN, LASTING_S, LEAST_DRAG, MEAN_S, PERIOD_S, SPREAD_S};
 
 /// Settings of the rotor drag.
 #[derive(Clone, Copy, Debug, PartialEq)]

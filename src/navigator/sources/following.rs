@@ -5,15 +5,8 @@
 //! var(h); where the distance has nothing to do with the height, var(r − h) = var(h) + var(r). Terrain that rises with the vehicle looks like a
 //! distance that does not follow: there, too, it is better not to rely on it.
 
+use crate::navigator::tuning::following::{ASTRAY, FOLLOWS, MEMORY_S, TELLS_M2};
 use crate::time::AutopilotTime;
-
-/// What is remembered, s.
-const MEMORY_S: f64 = 20.0;
-/// A height that has varied by less tells nothing, variance in m².
-const TELLS_M2: f64 = 1.0;
-/// var(r − h)/var(h) above which the distance does not follow, and below which it does again.
-const ASTRAY: f64 = 0.5;
-const FOLLOWS: f64 = 0.2;
 
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]

@@ -12,19 +12,10 @@ use super::super::reset::Reset;
 use super::super::settings::GnssSettings;
 use super::super::timeline::CORRECTED_S;
 use super::latency::LatencyEstimator;
-
-/// Another receiver takes over when the one in use had no fix for this long, s.
-const RECEIVER_SILENCE_S: f64 = 1.0;
-/// A receiver's speed is not believed better than this, m/s.
-const LEAST_SPEED_SIGMA: f64 = 0.15;
-/// On the way back a speed without a claim is known to this, m/s.
-const UNCLAIMED_SPEED_SIGMA: f64 = 0.3;
-/// The latency of a fix varies by this much, s: at speed, a distance.
-const LATENCY_JITTER_S: f64 = 0.1;
-/// Vertical over horizontal accuracy of a receiver that claims none.
-pub(in super::super) const VERTICAL_RATIO: f64 = 1.5;
-/// What a receiver claims is followed by this part a fix.
-const CLAIM_GAIN: f64 = 0.1;
+use crate::navigator::tuning::gnss::{
+    CLAIM_GAIN, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
+    VERTICAL_RATIO,
+};
 
 /// What a sample's receiver is to the one that is listened to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

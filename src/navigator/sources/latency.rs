@@ -14,14 +14,11 @@
 
 use nalgebra::Vector2;
 
+use crate::navigator::tuning::latency::{
+    BLOCK_S, BLOCKS_APART_S, GATE_S, GATE_SIGMA, INDEPENDENT, LAG, LEAST_CHANGE, LONGEST_FLOW_S, LONGEST_S,
+    REFERENCE_NOISE, VELOCITY_NOISE, WALK, WINDOW_FIXES,
+};
 use crate::time::AutopilotTime;
-
-/// Latencies do not change much in flight: walk of the estimate, s² an observation.
-const WALK: f64 = 1e-8;
-/// A residual is believed up to this many sigmas of its noise …
-const GATE_SIGMA: f64 = 4.0;
-/// … and as much more as this misjudgement explains, s.
-const GATE_S: f64 = 0.3;
 
 /// An estimated latency: a scalar Kalman filter.
 #[derive(Clone, Debug)]
@@ -69,15 +66,6 @@ struct Window {
     /// Sum of the innovations since, m/s.
     sum_ne: Vector2<f64>,
 }
-
-/// Fixes in a window: 2 s at 5 Hz.
-const WINDOW_FIXES: u32 = 10;
-/// Noise of the sum of the innovations in a window, m/s: two velocity samples and the accelerometer's error over the window.
-const VELOCITY_NOISE: f64 = 0.25;
-/// Only a change of the acceleration of at least this much teaches anything, m/s².
-const LEAST_CHANGE: f64 = 0.5;
-/// No receiver is older than this, s.
-const LONGEST_S: f64 = 0.5;
 
 impl LatencyEstimator {
     /// Starts from the configured latency; a `sigma_s` of zero keeps it there.
@@ -142,19 +130,6 @@ struct Block {
     slope: Vector2<f64>,
     variance: f64,
 }
-
-/// Length of a block, s.
-const BLOCK_S: f64 = 0.2;
-/// A block is compared with the one so many before it: a second, in which the acceleration has changed.
-const LAG: usize = 5;
-/// Blocks further apart are not compared, s.
-const BLOCKS_APART_S: f64 = 3.0;
-/// Noise of the velocity that GNSS gives over a block, m/s: what is not flow's own.
-const REFERENCE_NOISE: f64 = 0.1;
-/// Flow's noise is averaged by no more samples than this: it is not white.
-const INDEPENDENT: f64 = 3.0;
-/// No flow sensor is older than this, s.
-const LONGEST_FLOW_S: f64 = 0.3;
 
 impl FlowLatency {
     /// Starts from the configured latency; a `sigma_s` of zero keeps it there.

@@ -10,15 +10,9 @@ use super::super::observation::Observation;
 use super::super::reset::Reset;
 use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
-use super::LATE_S;
 use super::status::SourceHealth;
-
-/// A magnetometer that tells the same for this long, s (a slow one is told several times), while the vehicle has turned by this much, rad,
-/// beyond this rate, rad/s, within so long, s, is stuck.
-const STUCK_S: f64 = 0.3;
-const STUCK_TURN: f64 = 0.03;
-const STUCK_RATE: f64 = 0.02;
-const STUCK_LOOK_S: f64 = 2.0;
+use crate::navigator::tuning::every_source::LATE_S;
+use crate::navigator::tuning::magnetometer::{STUCK_LOOK_S, STUCK_RATE, STUCK_S, STUCK_TURN};
 
 /// The same field, told again and again.
 #[derive(Clone, Copy, Debug)]

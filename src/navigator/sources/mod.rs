@@ -24,13 +24,8 @@ use super::core::Core;
 use super::monitor::GnssState;
 use super::reset::Reset;
 use super::settings::NavigatorSettings;
+use crate::navigator::tuning::every_source::SILENT_S;
 use status::{SourceHealth, SourceKind, SourceStatus};
-
-/// A source that has not been heard for this long is silent, s.
-const SILENT_S: f64 = 3.0;
-
-/// What is set against the present may be this old, s.
-const LATE_S: f64 = 0.5;
 
 /// Every source of a vehicle.
 #[derive(Clone, Debug)]

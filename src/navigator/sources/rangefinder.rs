@@ -9,32 +9,13 @@ use super::super::height::HeightReading;
 use super::super::reset::Reset;
 use super::super::solution::Mode;
 use super::super::verdict::Reason;
-use super::LATE_S;
 use super::following::Following;
 use super::status::SourceHealth;
-
-/// Steepest tilt at which a range beam still measures the height over ground: cos 60°.
-const MIN_COSINE: f64 = 0.5;
-/// The ground may step by this much, m, or this part of the height over it, from one sample to the next …
-const GROUND_STEP_M: f64 = 1.0;
-const GROUND_STEP_FRACTION: f64 = 0.2;
-/// … and by more when it stays there for this long, s, while the vehicle climbs or sinks by this much, m: a roof or a cliff stays where it
-/// is, an echo of something else moves with the vehicle.
-const GROUND_BELIEVED_S: f64 = 5.0;
-const GROUND_TELLS_M: f64 = 1.5;
-/// The ground moves below a vehicle by this much, m/s, and this much over the horizontal speed: what the altimeter drifts, and terrain.
-const GROUND_RATE_MPS: f64 = 0.3;
-const GROUND_SLOPE: f64 = 0.3;
-/// Over a longer silence it is not followed, s.
-const FOLLOW_STEP_S: f64 = 0.5;
-/// A dispute whose last word is older than this is over, s.
-const DISPUTE_S: f64 = 1.0;
-/// Distances are heights this often, s, and known to this part of themselves.
-const HEIGHT_PERIOD_S: f64 = 0.1;
-const RELATIVE_SIGMA: f64 = 0.03;
-/// At their limits sensors report the limit: this near to the least and the greatest they are not believed.
-const NEAR_LEAST: f64 = 1.05;
-const NEAR_GREATEST: f64 = 0.98;
+use crate::navigator::tuning::every_source::LATE_S;
+use crate::navigator::tuning::rangefinder::{
+    DISPUTE_S, FOLLOW_STEP_S, GROUND_BELIEVED_S, GROUND_RATE_MPS, GROUND_SLOPE, GROUND_STEP_FRACTION,
+    GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST, RELATIVE_SIGMA,
+};
 
 /// The ground is seen elsewhere than it was.
 #[derive(Clone, Copy, Debug)]

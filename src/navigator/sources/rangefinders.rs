@@ -12,9 +12,7 @@ use super::super::reset::Reset;
 use super::super::verdict::Reason;
 use super::rangefinder::RangefinderSource;
 use super::status::SourceHealth;
-
-/// The spare takes over when the first has been silent for this long, s.
-const SILENCE_S: f64 = 1.0;
+use crate::navigator::tuning::rangefinders::SILENCE_S;
 
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]

@@ -9,18 +9,10 @@ use crate::time::AutopilotTime;
 use super::super::context::Context;
 use super::super::observation::{Fused, Observation};
 use super::super::reset::Reset;
-
-/// A quiet IMU: no faster than this, rad/s …
-const QUIET_RATE: f64 = 0.1;
-/// … with a specific force this near to gravity, m/s² …
-const QUIET_FORCE: f64 = 0.6;
-/// … for this long, s.
-const QUIET_S: f64 = 1.0;
-/// A standstill is fused this often, s.
-const PERIOD_S: f64 = 0.2;
-/// How still a standstill is, m/s and rad/s.
-const SIGMA_MPS: f64 = 0.1;
-const SIGMA_RADPS: f64 = 0.003;
+use crate::geo::NOMINAL_GRAVITY_MPS2;
+use crate::navigator::tuning::standstill::{
+    PERIOD_S, QUIET_FORCE, QUIET_RATE, QUIET_S, SIGMA_MPS, SIGMA_RADPS,
+};
 
 /// Since when the IMU has been quiet, and when standing still is to be told the filter next.
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,7 +32,7 @@ impl StandstillSource {
     pub(in super::super) fn observe(&mut self, s: &ImuSample, context: &Context<'_>) -> Option<Observation> {
         let core = context.core;
         let environment = core.surroundings.environment();
-        let gravity = environment.map_or(9.81, |e| e.gravity_ned.z);
+        let gravity = environment.map_or(NOMINAL_GRAVITY_MPS2, |e| e.gravity_ned.z);
         let quiet = s.angular_rate.raw().norm() < QUIET_RATE
             && (s.specific_force.raw().norm() - gravity).abs() < QUIET_FORCE;
         if !core.vehicle.disarmed() || !quiet {

@@ -11,6 +11,7 @@ use crate::time::AutopilotTime;
 
 use super::super::observation::{FitScore, Fused};
 use super::super::verdict::{Reason, Verdict};
+use crate::navigator::tuning::status::{GATE_SIGMA, LARGEST_RATIO, RATIO_SCALARS};
 
 /// What kind of source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -256,13 +257,6 @@ pub struct SourceStatus {
     /// Innovation over the gate's sigma of late, see [`Self::test_ratio`].
     ratio: f64,
 }
-
-/// Sigmas that a test ratio of 1 stands for.
-const GATE_SIGMA: f64 = 5.0;
-/// A test ratio is a running mean of so many scalars.
-const RATIO_SCALARS: f64 = 20.0;
-/// An innovation beyond this many gates says no more than that it is out of bounds.
-const LARGEST_RATIO: f64 = 10.0;
 
 impl SourceStatus {
     fn new(source: SourceId) -> Self {

@@ -12,19 +12,14 @@ use crate::camera::{
 };
 use crate::geo::Body;
 use crate::sample::{FlowRotation, FlowSample};
-use crate::time::{AutopilotTime, Span};
+use crate::time::AutopilotTime;
 
 use super::super::super::context::Context;
 use super::super::super::settings::FlowSettings;
 use super::super::super::verdict::{Reason, Verdict};
-use super::measure::{CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M, FlowDistance, MeasuredFlow, distance, moment};
-
-/// Stamps that lie this close are of the same image.
-const TOGETHER: Span = Span::from_millis(2);
-/// The rest of an image is waited for this long after its first patch came.
-const WAIT: Span = Span::from_millis(30);
-/// Beyond this ratio of the best observed direction to the worst the climb rate is the better third component.
-const MAX_DILUTION: f64 = 8.0;
+use super::measure::{FlowDistance, MeasuredFlow, distance, moment};
+use crate::navigator::tuning::flow_image::{MAX_DILUTION, TOGETHER, WAIT};
+use crate::navigator::tuning::flow_measure::{CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M};
 
 /// The patches of the image that is coming in.
 #[derive(Clone, Debug)]

@@ -10,18 +10,10 @@ use crate::time::{AutopilotTime, Span};
 use super::super::super::context::Context;
 use super::super::super::timeline::CORRECTED_S;
 use super::super::super::verdict::Reason;
-
-/// The interval that a flow rate without one is taken over, s.
-const RATE_INTERVAL_S: f64 = 0.05;
-/// How far a flow message's own distance may be from the height over ground, m, and as a part of it.
-const DISTANCE_TOLERANCE_M: f64 = 1.5;
-const DISTANCE_TOLERANCE: f64 = 0.3;
-/// Standard deviation of the height filter's climb rate, m/s.
-pub(super) const CLIMB_SIGMA_MPS: f64 = 0.3;
-/// A distance is never doubted by more than this part of itself.
-const LARGEST_DOUBT: f64 = 2.0;
-/// Distance noise, m: the calibration learns the scale.
-pub(super) const DISTANCE_SIGMA_M: f64 = 0.05;
+use crate::navigator::tuning::flow_measure::{
+    CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M, DISTANCE_TOLERANCE, DISTANCE_TOLERANCE_M, LARGEST_DOUBT,
+    RATE_INTERVAL_S,
+};
 
 /// The middle of a flow's interval.
 pub(super) struct FlowMoment {

@@ -21,27 +21,13 @@ use super::super::solution::Mode;
 use super::super::verdict::Reason;
 use super::latency::FlowLatency;
 use super::status::SourceHealth;
+use crate::navigator::tuning::flow::{
+    FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S,
+    SIGNAL_VARIANCE, STUCK_S,
+};
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
 pub(in super::super) use measure::MeasuredFlow;
-
-/// Sensors (or cameras of patches) that are told apart.
-const MAX_SENSORS: usize = 8;
-/// Flow innovations beyond this many sigmas are outliers …
-const GATE_SIGMA: f64 = 5.0;
-/// … unless they go on for this long, s: then it is the velocity that is wrong.
-const RELOCK_S: f64 = 1.0;
-/// No camera sees the ground move faster, rad/s.
-const FASTEST_RADPS: f64 = 100.0;
-/// A flow that tells the same for this long is stuck, s.
-const STUCK_S: f64 = 0.3;
-/// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
-const LATENCY_STEP_S: f64 = 0.04;
-/// The interval taken for the first sample, and the longest that a sample may stand for, s.
-const FIRST_INTERVAL_S: f64 = 0.05;
-const LONGEST_INTERVAL_S: f64 = 1.0;
-/// What the observers' signal is wrong by beyond the flow's noise, m/s, squared.
-const SIGNAL_VARIANCE: f64 = 1.0;
 
 /// One flow sensor.
 #[derive(Clone, Debug)]

@@ -25,24 +25,11 @@ use super::super::reset::Reset;
 use super::super::solution::Mode;
 use super::super::verdict::{Reason, Verdict};
 use super::status::SourceHealth;
+use crate::navigator::tuning::landmarks::{AHEAD_S, AROUND_M, BLIND_S, GUESS_M, GUESS_RAD, HELD, PUSH_S};
 use pose::PoseStanding;
-pub(in super::super) use pose::{LandmarkFix, PERIOD_S, PoseNews};
+pub(in super::super) use pose::{LandmarkFix, PoseNews};
 use relation::Relation;
 pub use setup::{ComponentCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
-
-/// The filter is carried on in steps of this, s: at fast streams several samples at once.
-const PUSH_S: f64 = 0.009;
-/// A sighting may overtake the IMU stream by this much, s, …
-const AHEAD_S: f64 = 0.5;
-/// … and so many of them may wait.
-const HELD: usize = 64;
-/// Nothing was seen for this long, s: the filter begins anew where the navigator believes to be, for what it knows has drifted away.
-const BLIND_S: f64 = 5.0;
-/// The least that a guess for the filter may be off, m and rad.
-const GUESS_M: f64 = 0.5;
-const GUESS_RAD: f64 = 0.05;
-/// Beyond the field, m: from how far away it may be seen when nothing is known.
-const AROUND_M: f64 = 30.0;
 
 /// The motion since the filter was last carried on.
 #[derive(Clone, Copy, Debug, Default)]

@@ -15,28 +15,10 @@ use super::super::super::event::{EventKind, EventLog};
 use super::super::super::monitor::gnss_integrity::{GnssFault, GnssState};
 use super::super::super::solution::Mode;
 use super::{LandmarkFrame, LandmarkSource};
-
-/// The pose is looked at this often, s.
-pub(in super::super::super) const PERIOD_S: f64 = 0.2;
-/// A pose without a sighting for this long is dead reckoning, s.
-const FRESH_S: f64 = 1.0;
-/// Landmarks are found when their pose counts for this long, s, and lost when it does not for as long.
-const FOUND_S: f64 = 1.0;
-const LOST_S: f64 = 2.0;
-/// A heading is not believed better than this, rad: mounting.
-const LEAST_HEADING: f64 = 0.004;
-/// A pose further away than this many sigmas of what drift and landmarks may be off by …
-const GATE_SIGMA: f64 = 4.0;
-/// … is believed when it has stood for this long, s.
-const BELIEVED_S: f64 = 10.0;
-/// Poses that the filter will not have for this long mean that the filter is wrong, s.
-const LOCKED_OUT_S: f64 = 3.0;
-/// Landmarks and GNSS contradict each other when they are this many sigmas apart, and this far, m, …
-const APART_SIGMA: f64 = 3.0;
-const APART_M: f64 = 2.0;
-/// … for this long, s. Who is apart has to come well within the limit to agree.
-const APART_S: f64 = 5.0;
-const AGREE: f64 = 0.7;
+use crate::navigator::tuning::landmark_pose::{
+    AGREE, APART_M, APART_S, APART_SIGMA, BELIEVED_S, FOUND_S, FRESH_S, GATE_SIGMA, LEAST_HEADING,
+    LOCKED_OUT_S, LOST_S, PERIOD_S,
+};
 
 /// What the pose is worth.
 #[derive(Clone, Debug, Default)]

@@ -6,11 +6,7 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::geo::so3;
-
-/// What was learned longer ago than this counts 1/e, s.
-const MEMORY_S: f64 = 300.0;
-/// The relation is known when it was learned for this long, s.
-const LEARNED_S: f64 = 20.0;
+use crate::navigator::tuning::landmark_relation::{LEARNED_S, MEMORY_S};
 
 /// See the module's documentation.
 #[derive(Clone, Debug, Default)]

@@ -1,0 +1,108 @@
+//! Constants of what decides, remembers and publishes.
+
+/// Memory, and what carries.
+pub(in crate::navigator) mod core {
+    /// IMU samples remembered: 1.5 s at 333 Hz.
+    pub(in crate::navigator) const REMEMBERED: usize = 512;
+    /// The position is that of landmarks for this long after a fix by them, s.
+    pub(in crate::navigator) const LANDMARKS_CARRY_S: f64 = 1.5;
+}
+
+/// The place.
+pub(in crate::navigator) mod environment {
+    /// The year whose magnetic field is taken while no clock has told the date.
+    pub(in crate::navigator) const DEFAULT_YEAR: f64 = 2026.0;
+    /// A date that is off by less changes no field, years.
+    pub(in crate::navigator) const YEAR_TOLERANCE: f64 = 0.02;
+    /// An origin further from the vehicle's first place than this is a damaged or hostile message, m.
+    pub(in crate::navigator) const FARTHEST_ORIGIN_M: f64 = 100_000.0;
+}
+
+/// The altimeter in the navigator.
+pub(in crate::navigator) mod height {
+    /// A height that a channel moves after so long a silence is a return, s.
+    pub(in crate::navigator) const SILENT_S: f64 = 1.0;
+    /// What a vertical acceleration may be that nobody has measured, m/s².
+    pub(in crate::navigator) const UNKNOWN_VERTICAL: f64 = 2.0;
+}
+
+/// Fixes by landmarks.
+pub(in crate::navigator) mod landmark_fix {
+    /// A correction beyond this is no tracking any more, and glides, m.
+    pub(in crate::navigator) const SHOWN_AT_ONCE_M: f64 = 0.1;
+    /// An observer's velocity is off by this much in manoeuvres, m/s: more than the drift that is configured, and the landmarks' filter, which
+    /// it carries, lags by as much in the time that it forgets in.
+    pub(in crate::navigator) const OBSERVED_SPEED_SIGMA: f64 = 0.5;
+}
+
+/// The error budget of the observers.
+pub(in crate::navigator) mod budget {
+    /// Path over which the ground's effect on the scale changes, m.
+    pub(in crate::navigator) const SCALE_CORRELATION_M: f64 = 100.0;
+}
+
+/// What GNSS is believed.
+pub(in crate::navigator) mod gnss_integrity {
+    /// Fixes remembered for the consistency test (15 s at 8 Hz).
+    pub(in crate::navigator) const TRACK_LEN: usize = 128;
+    /// A hole in the fixes longer than this ends the comparison of positions with velocities, s.
+    pub(in crate::navigator) const TRACK_HOLE_S: f64 = 1.0;
+    /// Gain of the running mean squares: some 50 fixes.
+    pub(in crate::navigator) const NORMAL_GAIN: f64 = 0.02;
+}
+
+/// Dead reckoning.
+pub(in crate::navigator) mod outage {
+    /// What carries is told when it has carried for this long, s.
+    pub(in crate::navigator) const TOLD_AFTER_S: f64 = 3.0;
+}
+
+/// What is published: glides and what counts as joined.
+pub(in crate::navigator) mod published {
+    /// The position has joined the estimate when it is this near, m.
+    pub(in crate::navigator) const JOINED_M: f64 = 0.05;
+    /// What single heights move the height by is shown over this time, s: enough that nothing steps, too little to lag.
+    pub(in crate::navigator) const SMOOTHED_S: f64 = 0.25;
+    /// A height whose distance to the estimate is below this has joined it, m.
+    pub(in crate::navigator) const HEIGHT_JOINED_M: f64 = 1e-3;
+    /// An origin that moved by less moves nobody, m.
+    pub(in crate::navigator) const ORIGIN_MOVED_M: f64 = 0.01;
+}
+
+/// The IMU step.
+pub(in crate::navigator) mod step {
+    /// A step longer than this leaves room for what was not seen, s.
+    pub(in crate::navigator) const LONG_STEP_S: f64 = 0.1;
+}
+
+/// The stream of the IMU.
+pub(in crate::navigator) mod stream {
+    /// Autopilots' IMUs measure up to 2000 °/s and 16 g; at their limits, less 1 %, they tell the limit and not the motion, rad/s and m/s².
+    /// What is missed so is bridged by the samples around it, and where that takes too long, it is a hole in the stream.
+    pub(in crate::navigator) const FULL_RATE: f64 = 34.55;
+    pub(in crate::navigator) const FULL_FORCE: f64 = 155.3;
+    /// Far beyond any sensor (m/s² or rad/s), and far from where squares overflow.
+    pub(in crate::navigator) const POSSIBLE: f64 = 1e4;
+    /// An IMU in the air that tells the same six numbers for this long is stuck, s.
+    pub(in crate::navigator) const STUCK_S: f64 = 0.5;
+    /// A stream that goes on in the past for this long has another clock than it had, s.
+    pub(in crate::navigator) const BEHIND_S: f64 = 0.2;
+}
+
+/// What is not known.
+pub(in crate::navigator) mod uncertainty {
+    /// Attitude uncertainty while aligning, rad.
+    pub(in crate::navigator) const UNKNOWN_ATTITUDE: f64 = 0.5;
+    /// Velocity uncertainty with GNSS, m/s.
+    pub(in crate::navigator) const AIDED_VELOCITY_SIGMA: f64 = 0.15;
+    /// What "not known" is in metres and m/s: for a solution that is still aligning.
+    pub(in crate::navigator) const UNKNOWN_M: f64 = 1e4;
+    pub(in crate::navigator) const UNKNOWN_MPS: f64 = 100.0;
+}
+
+/// What the vehicle says of itself.
+pub(in crate::navigator) mod vehicle {
+    /// A vehicle that is this fast, m/s, or this high above where it began, m, is in the air, whatever it says of its motors.
+    pub(in crate::navigator) const FLYING_MPS: f64 = 3.0;
+    pub(in crate::navigator) const FLYING_M: f64 = 3.0;
+}

@@ -1,0 +1,76 @@
+//! Constants of the estimator.
+
+use crate::time::Span;
+
+/// The estimator as a whole.
+pub(in crate::navigator) mod estimator {
+    /// Standard deviation of the velocity when a fix has set it, and when it could not, m/s.
+    pub(in crate::navigator) const AIDED_SPEED_SIGMA: f64 = 0.3;
+    pub(in crate::navigator) const UNKNOWN_SPEED_SIGMA: f64 = 5.0;
+}
+
+/// What a stage is judged by.
+pub(in crate::navigator) mod estimator_step {
+    /// Trusted fixes that are gated out for this long mean that the filter is wrong, s.
+    pub(in crate::navigator) const LOCKED_OUT_S: f64 = 2.0;
+    /// Observer and filter disagree when their attitudes differ by this much, rad …
+    pub(in crate::navigator) const DISAGREEMENT: f64 = 0.35;
+    /// … for this long, s.
+    pub(in crate::navigator) const DISAGREEMENT_S: f64 = 5.0;
+    /// A magnetometer sample is used for this long, s.
+    pub(in crate::navigator) const MAGNETIC_AGE_S: f64 = 0.5;
+    /// A flow velocity is used for this long, s.
+    pub(in crate::navigator) const FLOW_AGE_S: f64 = 0.5;
+}
+
+/// The error-state stage.
+pub(in crate::navigator) mod error_state {
+    /// Standard deviations at the start: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
+    pub(in crate::navigator) const START_TILT: f64 = 0.05;
+    pub(in crate::navigator) const START_YAW: f64 = 0.17;
+    pub(in crate::navigator) const START_VELOCITY: f64 = 0.7;
+    pub(in crate::navigator) const START_GYRO_BIAS: f64 = 0.005;
+    pub(in crate::navigator) const START_ACCEL_BIAS: f64 = 0.15;
+    /// The magnetometer is fused this often, s: its errors are not white.
+    pub(in crate::navigator) const MAGNETIC_PERIOD_S: f64 = 0.1;
+    /// The height is fused this often, s.
+    pub(in crate::navigator) const HEIGHT_PERIOD_S: f64 = 0.1;
+    /// Standard deviation of the height filter's height as a measurement, m.
+    pub(in crate::navigator) const HEIGHT_SIGMA_M: f64 = 0.5;
+    /// Beyond this bank or pitch a wing does not fly nose first: cos 60°.
+    pub(in crate::navigator) const MIN_UPRIGHT: f64 = 0.5;
+    /// How far rotation and acceleration in a hole may be from those at its ends, rad/s and m/s², 1 sigma.
+    pub(in crate::navigator) const UNKNOWN_RATE: f64 = 0.3;
+    pub(in crate::navigator) const UNKNOWN_ACCELERATION: f64 = 2.0;
+    /// The motion in a hole is integrated in steps of this, s.
+    pub(in crate::navigator) const BRIDGE_STEP_S: f64 = 0.02;
+}
+
+/// The exogenous stage.
+pub(in crate::navigator) mod exogenous {
+    /// The second stage has no states for what comes with motion (gyro scale, vibration, the sampling of the stream): its white noise, as a
+    /// multiple of the shipped filter's, stands for all of it.
+    pub(in crate::navigator) const NOISE_FACTOR: f64 = 3.0;
+}
+
+/// The search for a heading.
+pub(in crate::navigator) mod heading {
+    /// A heading from motion is not believed better than this, rad: what is systematic in a manoeuvre (scale, latency, alignment).
+    pub(in crate::navigator) const LEAST_YAW: f64 = 0.12;
+}
+
+/// The observers.
+pub(in crate::navigator) mod observer {
+    use super::Span;
+
+    /// The interval that Grip's printed gains are for, s. Jitter makes no second step of it.
+    pub(in crate::navigator) const PRINTED_STEP_S: f64 = 0.012;
+    /// The rate that Fusini's are for, Hz.
+    pub(in crate::navigator) const PRINTED_RATE_HZ: f64 = 300.0;
+    /// A vehicle that hears no magnetometer for this long starts without, s.
+    pub(in crate::navigator) const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
+    /// How long after its last measurement an axis of the measurement signal counts as measured.
+    pub(in crate::navigator) const SIGNAL_HOLD: Span = Span::from_millis(700);
+    /// The predictor remembers this much of the past; fixes have to be younger still.
+    pub(in crate::navigator) const LONGEST_DELAY: Span = Span::from_millis(1500);
+}

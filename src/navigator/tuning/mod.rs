@@ -1,0 +1,18 @@
+//! Every constant of the navigator that nobody configures: its value, its unit and why.
+//!
+//! What a user may need is configuration; what follows from a paper stands with its equation. These are left: they are design choices, and
+//! each says what it separates or bounds.
+
+mod decisions;
+mod estimation;
+mod sensing;
+
+pub(super) use decisions::{
+    budget, core, environment, gnss_integrity, height, landmark_fix, outage, published, step, stream,
+    uncertainty, vehicle,
+};
+pub(super) use estimation::{error_state, estimator, estimator_step, exogenous, heading, observer};
+pub(super) use sensing::{
+    airspeed, barometer, drag, every_source, flow, flow_image, flow_measure, following, gnss, landmark_pose,
+    landmark_relation, landmarks, latency, magnetometer, rangefinder, rangefinders, standstill, status,
+};

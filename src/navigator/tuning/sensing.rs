@@ -1,0 +1,270 @@
+//! Constants of the sources.
+
+use crate::time::Span;
+
+/// Every source.
+pub(in crate::navigator) mod every_source {
+    /// A source that has not been heard for this long is silent, s.
+    pub(in crate::navigator) const SILENT_S: f64 = 3.0;
+    /// What is set against the present may be this old, s.
+    pub(in crate::navigator) const LATE_S: f64 = 0.5;
+}
+
+/// Airspeed.
+pub(in crate::navigator) mod airspeed {
+    /// Noise is stated for samples this far apart, s: gusts last, and more samples tell no more.
+    pub(in crate::navigator) const SAMPLE_INTERVAL_S: f64 = 0.2;
+    /// Beyond this load a wing does not fly nose first, in g.
+    pub(in crate::navigator) const MAX_LOAD_G: f64 = 2.5;
+    /// An airspeed carries the velocity for this long, s.
+    pub(in crate::navigator) const CARRIES_S: f64 = 2.0;
+}
+
+/// Barometers.
+pub(in crate::navigator) mod barometer {
+    /// A pressure is carried to the present for this long, s.
+    pub(in crate::navigator) const LATE_S: f64 = 0.6;
+    /// A barometer that is silent for this long has left its place to another, s.
+    pub(in crate::navigator) const SILENCE_S: f64 = 10.0;
+    /// A barometer that tells exactly the same for this long, s, while the vehicle has climbed by this much, m, is stuck.
+    pub(in crate::navigator) const STUCK_S: f64 = 1.0;
+    pub(in crate::navigator) const STUCK_CLIMB_M: f64 = 1.5;
+}
+
+/// Rotor drag.
+pub(in crate::navigator) mod drag {
+    /// The force is averaged over this long, s.
+    pub(in crate::navigator) const PERIOD_S: f64 = 0.1;
+    /// Innovations are averaged over this long, s, their mean square over this long, s, …
+    pub(in crate::navigator) const MEAN_S: f64 = 5.0;
+    pub(in crate::navigator) const SPREAD_S: f64 = 60.0;
+    /// … and what they show lasts this long, s.
+    pub(in crate::navigator) const LASTING_S: f64 = 30.0;
+    /// Drag carries the velocity for this long, s, …
+    pub(in crate::navigator) const AGE_S: f64 = 1.0;
+    /// … and when it is there at all, 1/s, and known this many times better than it is large.
+    pub(in crate::navigator) const LEAST_DRAG: f64 = 0.05;
+    pub(in crate::navigator) const KNOWN: f64 = 4.0;
+}
+
+/// Optical flow.
+pub(in crate::navigator) mod flow {
+    /// Sensors (or cameras of patches) that are told apart.
+    pub(in crate::navigator) const MAX_SENSORS: usize = 8;
+    /// Flow innovations beyond this many sigmas are outliers …
+    pub(in crate::navigator) const GATE_SIGMA: f64 = 5.0;
+    /// … unless they go on for this long, s: then it is the velocity that is wrong.
+    pub(in crate::navigator) const RELOCK_S: f64 = 1.0;
+    /// No camera sees the ground move faster, rad/s.
+    pub(in crate::navigator) const FASTEST_RADPS: f64 = 100.0;
+    /// A flow that tells the same for this long is stuck, s.
+    pub(in crate::navigator) const STUCK_S: f64 = 0.3;
+    /// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
+    pub(in crate::navigator) const LATENCY_STEP_S: f64 = 0.04;
+    /// The interval taken for the first sample, and the longest that a sample may stand for, s.
+    pub(in crate::navigator) const FIRST_INTERVAL_S: f64 = 0.05;
+    pub(in crate::navigator) const LONGEST_INTERVAL_S: f64 = 1.0;
+    /// What the observers' signal is wrong by beyond the flow's noise, m/s, squared.
+    pub(in crate::navigator) const SIGNAL_VARIANCE: f64 = 1.0;
+}
+
+/// Patches of one image.
+pub(in crate::navigator) mod flow_image {
+    use super::Span;
+
+    /// Stamps that lie this close are of the same image.
+    pub(in crate::navigator) const TOGETHER: Span = Span::from_millis(2);
+    /// The rest of an image is waited for this long after its first patch came.
+    pub(in crate::navigator) const WAIT: Span = Span::from_millis(30);
+    /// Beyond this ratio of the best observed direction to the worst the climb rate is the better third component.
+    pub(in crate::navigator) const MAX_DILUTION: f64 = 8.0;
+}
+
+/// A flow as a velocity.
+pub(in crate::navigator) mod flow_measure {
+    /// The interval that a flow rate without one is taken over, s.
+    pub(in crate::navigator) const RATE_INTERVAL_S: f64 = 0.05;
+    /// How far a flow message's own distance may be from the height over ground, m, and as a part of it.
+    pub(in crate::navigator) const DISTANCE_TOLERANCE_M: f64 = 1.5;
+    pub(in crate::navigator) const DISTANCE_TOLERANCE: f64 = 0.3;
+    /// Standard deviation of the height filter's climb rate, m/s.
+    pub(in crate::navigator) const CLIMB_SIGMA_MPS: f64 = 0.3;
+    /// A distance is never doubted by more than this part of itself.
+    pub(in crate::navigator) const LARGEST_DOUBT: f64 = 2.0;
+    /// Distance noise, m: the calibration learns the scale.
+    pub(in crate::navigator) const DISTANCE_SIGMA_M: f64 = 0.05;
+}
+
+/// Whether a distance follows the height.
+pub(in crate::navigator) mod following {
+    /// What is remembered, s.
+    pub(in crate::navigator) const MEMORY_S: f64 = 20.0;
+    /// A height that has varied by less tells nothing, variance in m².
+    pub(in crate::navigator) const TELLS_M2: f64 = 1.0;
+    /// var(r − h)/var(h) above which the distance does not follow, and below which it does again.
+    pub(in crate::navigator) const ASTRAY: f64 = 0.5;
+    pub(in crate::navigator) const FOLLOWS: f64 = 0.2;
+}
+
+/// GNSS receivers.
+pub(in crate::navigator) mod gnss {
+    /// Another receiver takes over when the one in use had no fix for this long, s.
+    pub(in crate::navigator) const RECEIVER_SILENCE_S: f64 = 1.0;
+    /// A receiver's speed is not believed better than this, m/s.
+    pub(in crate::navigator) const LEAST_SPEED_SIGMA: f64 = 0.15;
+    /// On the way back a speed without a claim is known to this, m/s.
+    pub(in crate::navigator) const UNCLAIMED_SPEED_SIGMA: f64 = 0.3;
+    /// The latency of a fix varies by this much, s: at speed, a distance.
+    pub(in crate::navigator) const LATENCY_JITTER_S: f64 = 0.1;
+    /// Vertical over horizontal accuracy of a receiver that claims none.
+    pub(in crate::navigator) const VERTICAL_RATIO: f64 = 1.5;
+    /// What a receiver claims is followed by this part a fix.
+    pub(in crate::navigator) const CLAIM_GAIN: f64 = 0.1;
+}
+
+/// Landmarks.
+pub(in crate::navigator) mod landmarks {
+    /// The filter is carried on in steps of this, s: at fast streams several samples at once.
+    pub(in crate::navigator) const PUSH_S: f64 = 0.009;
+    /// A sighting may overtake the IMU stream by this much, s, …
+    pub(in crate::navigator) const AHEAD_S: f64 = 0.5;
+    /// … and so many of them may wait.
+    pub(in crate::navigator) const HELD: usize = 64;
+    /// Nothing was seen for this long, s: the filter begins anew where the navigator believes to be, for what it knows has drifted away.
+    pub(in crate::navigator) const BLIND_S: f64 = 5.0;
+    /// The least that a guess for the filter may be off, m and rad.
+    pub(in crate::navigator) const GUESS_M: f64 = 0.5;
+    pub(in crate::navigator) const GUESS_RAD: f64 = 0.05;
+    /// Beyond the field, m: from how far away it may be seen when nothing is known.
+    pub(in crate::navigator) const AROUND_M: f64 = 30.0;
+}
+
+/// The pose that landmarks give.
+pub(in crate::navigator) mod landmark_pose {
+    /// The pose is looked at this often, s.
+    pub(in crate::navigator) const PERIOD_S: f64 = 0.2;
+    /// A pose without a sighting for this long is dead reckoning, s.
+    pub(in crate::navigator) const FRESH_S: f64 = 1.0;
+    /// Landmarks are found when their pose counts for this long, s, and lost when it does not for as long.
+    pub(in crate::navigator) const FOUND_S: f64 = 1.0;
+    pub(in crate::navigator) const LOST_S: f64 = 2.0;
+    /// A heading is not believed better than this, rad: mounting.
+    pub(in crate::navigator) const LEAST_HEADING: f64 = 0.004;
+    /// A pose further away than this many sigmas of what drift and landmarks may be off by …
+    pub(in crate::navigator) const GATE_SIGMA: f64 = 4.0;
+    /// … is believed when it has stood for this long, s.
+    pub(in crate::navigator) const BELIEVED_S: f64 = 10.0;
+    /// Poses that the filter will not have for this long mean that the filter is wrong, s.
+    pub(in crate::navigator) const LOCKED_OUT_S: f64 = 3.0;
+    /// Landmarks and GNSS contradict each other when they are this many sigmas apart, and this far, m, …
+    pub(in crate::navigator) const APART_SIGMA: f64 = 3.0;
+    pub(in crate::navigator) const APART_M: f64 = 2.0;
+    /// … for this long, s. Who is apart has to come well within the limit to agree.
+    pub(in crate::navigator) const APART_S: f64 = 5.0;
+    pub(in crate::navigator) const AGREE: f64 = 0.7;
+}
+
+/// The frame of the landmarks.
+pub(in crate::navigator) mod landmark_relation {
+    /// What was learned longer ago than this counts 1/e, s.
+    pub(in crate::navigator) const MEMORY_S: f64 = 300.0;
+    /// The relation is known when it was learned for this long, s.
+    pub(in crate::navigator) const LEARNED_S: f64 = 20.0;
+}
+
+/// Latencies.
+pub(in crate::navigator) mod latency {
+    /// Latencies do not change much in flight: walk of the estimate, s² an observation.
+    pub(in crate::navigator) const WALK: f64 = 1e-8;
+    /// A residual is believed up to this many sigmas of its noise …
+    pub(in crate::navigator) const GATE_SIGMA: f64 = 4.0;
+    /// … and as much more as this misjudgement explains, s.
+    pub(in crate::navigator) const GATE_S: f64 = 0.3;
+    /// Fixes in a window: 2 s at 5 Hz.
+    pub(in crate::navigator) const WINDOW_FIXES: u32 = 10;
+    /// Noise of the sum of the innovations in a window, m/s: two velocity samples and the accelerometer's error over the window.
+    pub(in crate::navigator) const VELOCITY_NOISE: f64 = 0.25;
+    /// Only a change of the acceleration of at least this much teaches anything, m/s².
+    pub(in crate::navigator) const LEAST_CHANGE: f64 = 0.5;
+    /// No receiver is older than this, s.
+    pub(in crate::navigator) const LONGEST_S: f64 = 0.5;
+    /// Length of a block, s.
+    pub(in crate::navigator) const BLOCK_S: f64 = 0.2;
+    /// A block is compared with the one so many before it: a second, in which the acceleration has changed.
+    pub(in crate::navigator) const LAG: usize = 5;
+    /// Blocks further apart are not compared, s.
+    pub(in crate::navigator) const BLOCKS_APART_S: f64 = 3.0;
+    /// Noise of the velocity that GNSS gives over a block, m/s: what is not flow's own.
+    pub(in crate::navigator) const REFERENCE_NOISE: f64 = 0.1;
+    /// Flow's noise is averaged by no more samples than this: it is not white.
+    pub(in crate::navigator) const INDEPENDENT: f64 = 3.0;
+    /// No flow sensor is older than this, s.
+    pub(in crate::navigator) const LONGEST_FLOW_S: f64 = 0.3;
+}
+
+/// Magnetometers.
+pub(in crate::navigator) mod magnetometer {
+    /// A magnetometer that tells the same for this long, s (a slow one is told several times), while the vehicle has turned by this much, rad,
+    /// beyond this rate, rad/s, within so long, s, is stuck.
+    pub(in crate::navigator) const STUCK_S: f64 = 0.3;
+    pub(in crate::navigator) const STUCK_TURN: f64 = 0.03;
+    pub(in crate::navigator) const STUCK_RATE: f64 = 0.02;
+    pub(in crate::navigator) const STUCK_LOOK_S: f64 = 2.0;
+}
+
+/// A rangefinder.
+pub(in crate::navigator) mod rangefinder {
+    /// Steepest tilt at which a range beam still measures the height over ground: cos 60°.
+    pub(in crate::navigator) const MIN_COSINE: f64 = 0.5;
+    /// The ground may step by this much, m, or this part of the height over it, from one sample to the next …
+    pub(in crate::navigator) const GROUND_STEP_M: f64 = 1.0;
+    pub(in crate::navigator) const GROUND_STEP_FRACTION: f64 = 0.2;
+    /// … and by more when it stays there for this long, s, while the vehicle climbs or sinks by this much, m: a roof or a cliff stays where it
+    /// is, an echo of something else moves with the vehicle.
+    pub(in crate::navigator) const GROUND_BELIEVED_S: f64 = 5.0;
+    pub(in crate::navigator) const GROUND_TELLS_M: f64 = 1.5;
+    /// The ground moves below a vehicle by this much, m/s, and this much over the horizontal speed: what the altimeter drifts, and terrain.
+    pub(in crate::navigator) const GROUND_RATE_MPS: f64 = 0.3;
+    pub(in crate::navigator) const GROUND_SLOPE: f64 = 0.3;
+    /// Over a longer silence it is not followed, s.
+    pub(in crate::navigator) const FOLLOW_STEP_S: f64 = 0.5;
+    /// A dispute whose last word is older than this is over, s.
+    pub(in crate::navigator) const DISPUTE_S: f64 = 1.0;
+    /// Distances are heights this often, s, and known to this part of themselves.
+    pub(in crate::navigator) const HEIGHT_PERIOD_S: f64 = 0.1;
+    pub(in crate::navigator) const RELATIVE_SIGMA: f64 = 0.03;
+    /// At their limits sensors report the limit: this near to the least and the greatest they are not believed.
+    pub(in crate::navigator) const NEAR_LEAST: f64 = 1.05;
+    pub(in crate::navigator) const NEAR_GREATEST: f64 = 0.98;
+}
+
+/// Rangefinders and their spare.
+pub(in crate::navigator) mod rangefinders {
+    /// The spare takes over when the first has been silent for this long, s.
+    pub(in crate::navigator) const SILENCE_S: f64 = 1.0;
+}
+
+/// Standing still.
+pub(in crate::navigator) mod standstill {
+    /// A quiet IMU: no faster than this, rad/s …
+    pub(in crate::navigator) const QUIET_RATE: f64 = 0.1;
+    /// … with a specific force this near to gravity, m/s² …
+    pub(in crate::navigator) const QUIET_FORCE: f64 = 0.6;
+    /// … for this long, s.
+    pub(in crate::navigator) const QUIET_S: f64 = 1.0;
+    /// A standstill is fused this often, s.
+    pub(in crate::navigator) const PERIOD_S: f64 = 0.2;
+    /// How still a standstill is, m/s and rad/s.
+    pub(in crate::navigator) const SIGMA_MPS: f64 = 0.1;
+    pub(in crate::navigator) const SIGMA_RADPS: f64 = 0.003;
+}
+
+/// The records of the sources.
+pub(in crate::navigator) mod status {
+    /// Sigmas that a test ratio of 1 stands for.
+    pub(in crate::navigator) const GATE_SIGMA: f64 = 5.0;
+    /// A test ratio is a running mean of so many scalars.
+    pub(in crate::navigator) const RATIO_SCALARS: f64 = 20.0;
+    /// An innovation beyond this many gates says no more than that it is out of bounds.
+    pub(in crate::navigator) const LARGEST_RATIO: f64 = 10.0;
+}
