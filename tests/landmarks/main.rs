@@ -6,6 +6,8 @@
     reason = "helpers of tests may fail like tests"
 )]
 
+#[path = "../support/flight.rs"]
+mod flight;
 #[path = "../support/golden/mod.rs"]
 mod golden;
 #[path = "../support/marker_flight.rs"]

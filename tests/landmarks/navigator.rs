@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use crate::flight::{self, Step};
 use crate::sound;
 use holdover::config::{Settings, Sources};
 use holdover::geo::{Body, CameraMount, CameraToBody};
@@ -11,7 +12,7 @@ use holdover::navigator::event::{Event, EventKind};
 use holdover::navigator::solution::{Mode, VelocitySource};
 use holdover::navigator::sources::landmarks::{ComponentCamera, LandmarkFrame, LandmarkPlace, LandmarkSetup};
 use holdover::navigator::verdict::Reason;
-use holdover::sample::{LandmarkSample, Sample, SampleKind, Sighting, VehicleStatus};
+use holdover::sample::{LandmarkSample, Sample, SampleKind, Sighting};
 use holdover::sim::models::ImuModel;
 use holdover::sim::{
     MarkerCamera, MarkerField, MarkerWatch, Scenario, SeenLandmark, SensorSuite, Simulation, Truth,
@@ -25,17 +26,16 @@ const TAKEN_OVER_S: f64 = 122.0;
 const END_S: f64 = 240.0;
 const COMPONENT: u8 = 100;
 
-struct Step {
-    t_s: f64,
-    truth: Truth,
-    status: VehicleStatus,
-    samples: Vec<Sample>,
-    seen: Vec<SeenLandmark>,
+fn sighting(seen: &SeenLandmark) -> Sample {
+    let sighting = Sighting::Bearing { angle_xy: seen.angle_xy, distance_m: None };
+    let time = Simulation::ap_time(seen.taken_s);
+    Sample::Landmark(LandmarkSample { time, camera: COMPONENT, id: seen.id, sighting })
 }
 
 struct Field {
     origin: holdover::geo::Geodetic,
     markers: Vec<(u8, Vector3<f64>)>,
+    /// With what the camera tells at each.
     steps: Vec<Step>,
 }
 
@@ -49,6 +49,13 @@ fn camera() -> MarkerCamera {
     }
 }
 
+impl Field {
+    fn sightings(&self) -> u64 {
+        let samples = self.steps.iter().flat_map(|s| &s.samples);
+        samples.filter(|s| s.kind() == SampleKind::Landmark).count() as u64
+    }
+}
+
 /// The patrol over markers, read once.
 fn field() -> &'static Field {
     static FIELD: OnceLock<Field> = OnceLock::new();
@@ -57,15 +64,11 @@ fn field() -> &'static Field {
         let field = MarkerField::along(&scenario, END_S, 0.15, 8.0, 7).unwrap();
         let mut watch = MarkerWatch::new(field.clone(), camera(), 7);
         let suite = SensorSuite::of(&scenario, ImuModel::mems());
-        let steps = Simulation::new(scenario.clone(), suite, 7)
-            .map(|r| Step {
-                t_s: r.t_s,
-                truth: r.truth,
-                status: scenario.status(r.t_s),
-                samples: r.samples.iter().copied().collect(),
-                seen: watch.step(&r.truth).collect(),
-            })
-            .collect();
+        let with_markers = |mut step: Step| {
+            step.samples.extend(watch.step(&step.truth).map(|seen| sighting(&seen)));
+            step
+        };
+        let steps = flight::steps(Simulation::new(scenario.clone(), suite, 7)).map(with_markers).collect();
         Field { origin: scenario.origin, markers: field.markers, steps }
     })
 }
@@ -139,18 +142,24 @@ impl Flight {
     }
 }
 
+fn pilot(landmarks: Option<LandmarkSetup>, overrides: &[&str]) -> Navigator {
+    let overrides = overrides.iter().map(|s| (*s).to_owned()).collect();
+    let mut settings =
+        Settings::load(&Sources { overrides, ..Sources::default() }).unwrap().pipeline.navigator;
+    settings.landmarks = landmarks.map(Arc::new);
+    let mut navigator = Navigator::new(settings);
+    navigator.set_origin(Simulation::ap_time(0.0), field().origin);
+    navigator
+}
+
 /// Flies with GNSS until [`LOST_S`]; `change` does with each sighting what it will.
 fn fly(
     landmarks: Option<LandmarkSetup>,
     overrides: &[&str],
     mut change: impl FnMut(f64, LandmarkSample, &mut Vec<LandmarkSample>),
 ) -> Flight {
-    let sources =
-        Sources { overrides: overrides.iter().map(|s| (*s).to_owned()).collect(), ..Sources::default() };
-    let mut settings = Settings::load(&sources).unwrap().pipeline.navigator;
-    settings.landmarks = landmarks.map(Arc::new);
     let mut f = Flight {
-        navigator: Navigator::new(settings),
+        navigator: pilot(landmarks, overrides),
         events: Vec::new(),
         error_m: 0.0,
         over_sigma: 0.0,
@@ -160,30 +169,24 @@ fn fly(
         step_m: 0.0,
         resets: 0,
     };
-    let field = field();
-    f.navigator.set_origin(Simulation::ap_time(0.0), field.origin);
     let mut last = None;
     let mut changed = Vec::new();
-    for step in &field.steps {
-        f.navigator.set_status(step.status);
-        for sample in &step.samples {
-            if step.t_s < LOST_S || sample.kind() != SampleKind::Gnss {
-                f.navigator.ingest(sample);
+    let give = |navigator: &mut Navigator, step: &Step, sample: &Sample| match sample {
+        Sample::Landmark(seen) => {
+            change(step.t_s, *seen, &mut changed);
+            for s in changed.drain(..) {
+                navigator.ingest(&Sample::Landmark(s));
             }
         }
-        for seen in &step.seen {
-            let sighting = Sighting::Bearing { angle_xy: seen.angle_xy, distance_m: None };
-            let time = Simulation::ap_time(seen.taken_s);
-            let sample = LandmarkSample { time, camera: COMPONENT, id: seen.id, sighting };
-            changed.clear();
-            change(step.t_s, sample, &mut changed);
-            for s in &changed {
-                f.navigator.ingest(&Sample::Landmark(*s));
-            }
+        Sample::Gnss(_) if step.t_s >= LOST_S => {}
+        other => {
+            navigator.ingest(other);
         }
+    };
+    flight::fly(&mut f.navigator, &field().steps, give, |navigator, step| {
         let seconds = |e: Event| (Simulation::seconds(e.time), e.kind);
-        f.events.extend(f.navigator.drain_events().map(seconds));
-        let Some(s) = f.navigator.solution().filter(|s| s.mode != Mode::Aligning) else { continue };
+        f.events.extend(navigator.drain_events().map(seconds));
+        let Some(s) = navigator.solution().filter(|s| s.mode != Mode::Aligning) else { return };
         sound::check_form(&s, "with landmarks");
         if let Some((position, counter)) = last.replace((s.position.raw(), s.reset_counter))
             && s.velocity_source == VelocitySource::Landmarks
@@ -205,7 +208,7 @@ fn fly(
             let turn = s.attitude.matrix() * step.truth.r_body_to_ned.transpose();
             f.yaw_error = turn[(1, 0)].atan2(turn[(0, 0)]).abs();
         }
-    }
+    });
     f
 }
 
@@ -230,7 +233,8 @@ fn landmarks_take_the_drift_out() {
     assert!(without.sigma_m > 5.0 * with.sigma_m && without.on_landmarks_s == 0.0);
     assert_eq!(
         without.rejected(Reason::NotUsed),
-        field().steps.iter().map(|s| s.seen.len() as u64).sum::<u64>()
+        field().steps.iter().flat_map(|s| &s.samples).filter(|s| s.kind() == SampleKind::Landmark).count()
+            as u64
     );
 }
 
@@ -303,7 +307,7 @@ fn sightings_that_overtake_the_inertial_stream_wait_for_it() {
     fly(Some(LandmarkSetup { cameras: vec![late], ..surveyed() }), &[], ahead).assert_carried(0.3);
     // Without that delay they are wrong by as much, wait, and are counted when they are used.
     let f = fly(Some(surveyed()), &[], ahead);
-    let heard: u64 = field().steps.iter().map(|s| s.seen.len() as u64).sum();
+    let heard = field().sightings();
     let tally = f.navigator.statuses();
     let rejected: u64 = tally.rejected(SampleKind::Landmark).map(|(_, n)| n).sum();
     assert!(heard - rejected - tally.used(SampleKind::Landmark) < 40, "none is lost");
@@ -432,23 +436,13 @@ fn the_camera_may_tell_positions_and_look_anywhere() {
 
 #[test]
 fn nothing_allocates_while_landmarks_are_seen() {
-    let mut settings = Settings::load(&Sources::default()).unwrap().pipeline.navigator;
-    settings.landmarks = Some(Arc::new(surveyed()));
-    let mut navigator = Navigator::new(settings);
-    navigator.set_origin(Simulation::ap_time(0.0), field().origin);
+    let mut navigator = pilot(Some(surveyed()), &[]);
     let mut counted = [0; 2];
     for step in field().steps.iter().take_while(|s| s.t_s < 180.0) {
         navigator.set_status(step.status);
-        let seen = step.seen.iter().map(|seen| {
-            let sighting = Sighting::Bearing { angle_xy: seen.angle_xy, distance_m: None };
-            let time = Simulation::ap_time(seen.taken_s);
-            Sample::Landmark(LandmarkSample { time, camera: COMPONENT, id: seen.id, sighting })
-        });
-        let heard =
-            step.samples.iter().copied().filter(|s| step.t_s < LOST_S || s.kind() != SampleKind::Gnss);
-        for sample in heard.chain(seen) {
+        for sample in step.samples.iter().filter(|s| step.t_s < LOST_S || s.kind() != SampleKind::Gnss) {
             let allocations = allocation_counter::measure(|| {
-                navigator.ingest(&sample);
+                navigator.ingest(sample);
             });
             // Found, and then for a while on landmarks.
             if (60.0..LOST_S).contains(&step.t_s) || step.t_s > TAKEN_OVER_S {

@@ -429,7 +429,7 @@ async fn of_two_vehicles_the_second_is_ignored() {
     holdover.wait_for("system 2 is heard, too, and ignored", 1);
     assert_eq!(holdover.told("system 255"), 0, "{}", holdover.log());
     holdover.stop();
-    assert!(holdover.log().contains("1 wrong system"), "{}", holdover.log());
+    assert!(holdover.log().contains("2 wrong system"), "{}", holdover.log());
 }
 
 #[tokio::test]
