@@ -17,7 +17,7 @@ use super::monitor::outage::Outage;
 use super::observation::Fused;
 use super::published::Published;
 use super::reset::Reset;
-use super::settings::{Estimator as Kind, NavigatorSettings};
+use super::settings::{Estimator as Kind, FlowSettings, NavigatorSettings};
 use super::solution::{Mode, VelocitySource};
 use super::sources::status::{SourceId, StatusBoard};
 use super::sources::{airspeed, drag};
@@ -106,7 +106,9 @@ impl Core {
     /// What was fused is counted, carried into the remembered past, and on the way back to GNSS it is part of the way.
     pub(super) fn absorb(&mut self, now: AutopilotTime, source: SourceId, fused: &Fused) {
         self.statuses.fused(source, now, fused);
-        self.timeline.correct(now, &fused.position_ned, &fused.velocity_ned);
+        if fused.moves() {
+            self.timeline.correct(now, &fused.position_ned, &fused.velocity_ned);
+        }
         if self.mode == Mode::Rejoining {
             self.published.stays(&fused.position_ned);
         }
@@ -140,7 +142,7 @@ impl Core {
         now: AutopilotTime,
         dt: f64,
         facts: &SourceFacts,
-        calibration: &Matrix4<f64>,
+        calibration: impl Fn(&FlowSettings) -> Matrix4<f64>,
     ) {
         let mut sigma_m = 0.0;
         if self.dead_reckoning() {
@@ -184,7 +186,7 @@ impl Core {
         decision: Decision,
         heading: Option<&HeadingEstimate>,
         facts: &SourceFacts,
-        calibration: &Matrix4<f64>,
+        calibration: impl Fn(&FlowSettings) -> Matrix4<f64>,
     ) {
         let start = Self::start_point(&self.settings, &self.height, facts);
         match decision {
@@ -223,7 +225,7 @@ impl Core {
         now: AutopilotTime,
         fault: GnssFault,
         facts: &SourceFacts,
-        calibration: &Matrix4<f64>,
+        calibration: impl Fn(&FlowSettings) -> Matrix4<f64>,
     ) {
         if fault == GnssFault::Inconsistent {
             // What the slow lie added is taken back; the published position glides after it.
@@ -236,7 +238,7 @@ impl Core {
         }
         // Gliding on without GNSS would be a wrong velocity: where it was published to be is where it is, plus what is missing.
         let start = Matrix2::identity() * facts.gnss_sigma_m.powi(2) + self.published.offset_covariance();
-        self.outage.begin_budget(&self.settings.holdover, start, calibration);
+        self.outage.begin_budget(&self.settings.holdover, start, &calibration(&self.settings.flow));
         self.outage.begin();
         self.change_mode(now, Mode::Holdover, TransitionReason::GnssLost(fault));
     }

@@ -53,7 +53,7 @@ pub(super) enum FitScore {
 }
 
 /// No observation has more scalars.
-const SCALARS: usize = 8;
+const SCALARS: usize = 4;
 
 /// What became of an observation, scalar by scalar, and what it moved.
 #[derive(Clone, Copy, Debug)]
@@ -120,9 +120,20 @@ impl Fused {
         result: Result<[T; N], Gated>,
     ) -> bool {
         match result {
-            Ok(corrections) => corrections.into_iter().map(|c| self.note(measured, Ok(c))).all(|taken| taken),
+            Ok(corrections) => {
+                let mut taken = true;
+                for correction in corrections {
+                    taken &= self.note(measured, Ok(correction));
+                }
+                taken
+            }
             Err(gated) => self.note::<T>(measured, Err(gated)),
         }
+    }
+
+    /// Whether the estimate was moved by it.
+    pub(super) fn moves(&self) -> bool {
+        self.position_ned != Vector3::zeros() || self.velocity_ned != Vector3::zeros()
     }
 
     /// Scores, in the order in which they came.

@@ -73,7 +73,8 @@ impl Navigator {
         self.reset(&Reset::Bridged);
         self.core.remember(s, &stepped, Vector3::zeros());
         self.core.events.tell(s.time, EventKind::Bridged(gap_s));
-        self.advance(s, gap_s);
+        let facts = self.sources.facts(&self.core);
+        self.advance(s, gap_s, &facts);
         true
     }
 
@@ -127,26 +128,31 @@ impl Navigator {
         core.height.predict(dt, -stepped.acceleration_ned.z, load);
         core.feel_ground(dt, facts);
         core.published.glide_height(dt, &core.settings.height);
-        self.look_for_rest(s);
-        self.feel_drag(s, dt);
-        let facts = self.sources.facts(&self.core);
+        let mut facts = *facts;
+        self.look_for_rest(s, &facts);
+        facts.resting = self.sources.standstill.resting();
+        self.feel_drag(s, dt, &facts);
+        facts.drag_used = self.sources.drag.used();
         self.core.estimator.lead_observer(&facts, s.time);
         self.seek_heading(s, dt, &facts);
-        self.feel_landmarks(s, dt);
+        if self.sources.landmarks.is_some() {
+            self.feel_landmarks(s, dt, &facts);
+            facts = self.sources.facts(&self.core);
+        }
         let core = &mut self.core;
         core.estimator.observer_mut().injected(s.time, report, &core.settings.observer);
-        self.advance(s, dt);
+        self.advance(s, dt, &facts);
     }
 
-    fn advance(&mut self, s: &ImuSample, dt: f64) {
-        let calibration = self.sources.flow.calibration_covariance(&self.core.settings.flow);
-        self.core.advance(s.time, dt, &self.sources.facts(&self.core), &calibration);
+    fn advance(&mut self, s: &ImuSample, dt: f64, facts: &SourceFacts) {
+        let flow = &self.sources.flow;
+        self.core.advance(s.time, dt, facts, |settings| flow.calibration_covariance(settings));
     }
 
     /// Standing still, where the vehicle's own word for it can be believed.
-    fn look_for_rest(&mut self, s: &ImuSample) {
-        self.core.doubt_disarmed(self.sources.facts(&self.core).ground_m);
-        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
+    fn look_for_rest(&mut self, s: &ImuSample, facts: &SourceFacts) {
+        self.core.doubt_disarmed(facts.ground_m);
+        let context = Context { core: &self.core, facts: *facts };
         let Some(observation) = self.sources.standstill.observe(s, &context) else { return };
         let core = &mut self.core;
         let Some(environment) = core.surroundings.environment() else { return };
@@ -155,8 +161,8 @@ impl Navigator {
         core.absorb(s.time, SourceId::only(SourceKind::Standstill), &fused);
     }
 
-    fn feel_drag(&mut self, s: &ImuSample, dt: f64) {
-        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
+    fn feel_drag(&mut self, s: &ImuSample, dt: f64, facts: &SourceFacts) {
+        let context = Context { core: &self.core, facts: *facts };
         let Some(observation) = self.sources.drag.observe(s, dt, &context) else { return };
         let core = &mut self.core;
         let Some(environment) = core.surroundings.environment() else { return };
@@ -174,14 +180,10 @@ impl Navigator {
         }
     }
 
-    fn feel_landmarks(&mut self, s: &ImuSample, dt: f64) {
-        if self.sources.landmarks.is_none() {
-            return;
-        }
-        let facts = self.sources.facts(&self.core);
+    fn feel_landmarks(&mut self, s: &ImuSample, dt: f64, facts: &SourceFacts) {
         let Some(landmarks) = &mut self.sources.landmarks else { return };
         let mut statuses = std::mem::take(&mut self.core.statuses);
-        let context = Context { core: &self.core, facts };
+        let context = Context { core: &self.core, facts: *facts };
         let moved = landmarks.carry_on(s.time, dt, &context, |camera, time, verdict| {
             statuses.count(SourceId { kind: SourceKind::Landmarks, id: camera }, time, verdict);
         });

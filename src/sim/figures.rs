@@ -89,7 +89,7 @@ impl Scenario {
     pub fn corners() -> Self {
         let corner = |k: usize| {
             let (north, east) = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)][k % 4];
-            Vector3::new(60.0 * north, 60.0 * east, if k % 2 == 0 { -30.0 } else { -35.0 })
+            Vector3::new(60.0 * north, 60.0 * east, if k.is_multiple_of(2) { -30.0 } else { -35.0 })
         };
         let (mut route, mut k) = (Waypoints::new(corner(0), 0.0).wait(10.0), 0);
         while route.end_s() < DURATION_S {

@@ -90,7 +90,7 @@ impl Outage {
         shown: VelocitySource,
     ) -> Option<VelocitySource> {
         self.source = source;
-        let tell = self.to_tell(now, shown);
+        let tell = self.news(now, shown);
         if shown != VelocitySource::Inertial {
             self.coasting_since = None;
         } else if let Some(budget) = &mut self.budget {
@@ -101,7 +101,7 @@ impl Outage {
     }
 
     /// What carries is told once it has done so for a while: flow comes and goes with the ground.
-    fn to_tell(&mut self, now: AutopilotTime, shown: VelocitySource) -> Option<VelocitySource> {
+    fn news(&mut self, now: AutopilotTime, shown: VelocitySource) -> Option<VelocitySource> {
         let (_, since) =
             *self.carried.insert(self.carried.filter(|(of, _)| *of == shown).unwrap_or((shown, now)));
         if now.seconds_since(since) > TOLD_AFTER_S && self.told != Some(shown) {

@@ -84,7 +84,7 @@ impl DragSource {
     }
 
     /// When it last corrected the velocity.
-    pub(super) fn used(&self) -> Option<AutopilotTime> {
+    pub(in super::super) fn used(&self) -> Option<AutopilotTime> {
         self.used
     }
 

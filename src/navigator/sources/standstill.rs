@@ -24,7 +24,7 @@ pub(in super::super) struct StandstillSource {
 
 impl StandstillSource {
     /// Whether the vehicle stands.
-    pub(super) fn resting(&self) -> bool {
+    pub(in super::super) fn resting(&self) -> bool {
         self.resting
     }
 

@@ -295,6 +295,17 @@ impl SourceStatus {
         if self.test_ratio().is_some_and(|r| r > 1.0) { SourceHealth::Suspect } else { SourceHealth::Healthy }
     }
 
+    fn count(&mut self, time: AutopilotTime, verdict: Verdict) {
+        match verdict {
+            Verdict::Used => {
+                self.used += 1;
+                self.last_used = Some(time);
+            }
+            Verdict::Waiting => {}
+            Verdict::Rejected(reason) => *self.rejected.entry(reason).or_default() += 1,
+        }
+    }
+
     fn score(&mut self, quantity: usize, now: AutopilotTime, score: FitScore) {
         let count = &mut self.quantities[quantity];
         let squared = match score {
@@ -392,20 +403,12 @@ impl StatusBoard {
     pub(in super::super) fn heard(&mut self, source: SourceId, time: AutopilotTime, verdict: Verdict) {
         let status = self.of(source);
         status.last_heard = Some(time);
-        self.count(source, time, verdict);
+        status.count(time, verdict);
     }
 
     /// A sample that had waited.
     pub(in super::super) fn count(&mut self, source: SourceId, time: AutopilotTime, verdict: Verdict) {
-        let status = self.of(source);
-        match verdict {
-            Verdict::Used => {
-                status.used += 1;
-                status.last_used = Some(time);
-            }
-            Verdict::Waiting => {}
-            Verdict::Rejected(reason) => *status.rejected.entry(reason).or_default() += 1,
-        }
+        self.of(source).count(time, verdict);
     }
 
     /// What became of an observation of this source.

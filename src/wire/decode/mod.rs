@@ -148,7 +148,7 @@ impl Decoder {
         }
         let result = match frame.parse() {
             Ok(message) if from_any_component(frame.message_id()) => {
-                self.from_any(&message, frame.component(), out)
+                self.any_component(&message, frame.component(), out)
             }
             Ok(message) => self.message(&message, out),
             Err(error) => Err(cause_of(&error)),
@@ -192,7 +192,7 @@ impl Decoder {
     }
 
     /// A measurement that any component of the vehicle may make.
-    fn from_any(&mut self, message: &MavMessage, from: ComponentId, out: Out<'_>) -> Result<(), Cause> {
+    fn any_component(&mut self, message: &MavMessage, from: ComponentId, out: Out<'_>) -> Result<(), Cause> {
         match message {
             MavMessage::OPTICAL_FLOW(m) => self.optical_flow(m, from, out),
             MavMessage::OPTICAL_FLOW_RAD(m) => self.optical_flow_rad(m, from, out),

@@ -126,7 +126,8 @@ fn ages(stamp: impl Fn(u32) -> u64) -> (Vec<i64>, Decoder) {
 
 #[test]
 fn fixes_without_a_stamp_of_the_autopilots_clock_are_stamped_by_arrival() {
-    let stamps: [(&str, fn(u32) -> u64); 4] = [
+    type Stamped = (&'static str, fn(u32) -> u64);
+    let stamps: [Stamped; 4] = [
         ("missing", |_| 0),
         ("1970, and no SYSTEM_TIME", |ms| 1_790_000_000_000_000 + u64::from(ms) * 1000),
         ("another clock", |ms| u64::from(ms) * 1000 - 90_000_000),
