@@ -60,7 +60,7 @@ const TABLES: &[Table] = &[
     },
     Table {
         name: "paper_altimeter_beyond",
-        layout: Layout::Lines(|line| beyond_the_paper(line)),
+        layout: Layout::Lines(beyond_the_paper),
         quick: &[("--runs 300", "--runs 3")],
     },
     Table { name: "paper_dead_reckoning", layout: Layout::Lines(|_| true), quick: &[("1..10", "1..1")] },

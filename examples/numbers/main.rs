@@ -108,7 +108,7 @@ fn filled_in(marker: &Marker, body: &str, table: &Table) -> Option<String> {
 /// The new text of a marker; `None` where nothing can be said here.
 fn renewed(marker: &Marker, page: &Path, body: &str, check: bool) -> Result<Option<(String, bool)>, String> {
     let table = Table::named(&marker.name).ok_or("no table has this name")?;
-    let Some(mut command) = filled_in(marker, body, &table) else { return Ok(None) };
+    let Some(mut command) = filled_in(marker, body, table) else { return Ok(None) };
     let mut exact = true;
     if check {
         for (slow, quick) in table.quick {

@@ -66,7 +66,8 @@ fn ranged(name: &str, distance: impl Fn(f64, f64) -> f64) -> (f64, f64, SourceHe
 #[test]
 fn a_rangefinder_that_is_wrong_does_not_scale_the_flow() {
     let (right_m, ..) = ranged("range right", |_, d| d);
-    let wrong: [(&str, fn(f64, f64) -> f64); 4] = [
+    type Distance = fn(f64, f64) -> f64;
+    let wrong: [(&str, Distance); 4] = [
         ("range stuck at 2 m", |_, _| 2.0),
         ("range stuck at 0.7 m", |_, _| 0.7),
         ("range twice as far", |_, d| 2.0 * d),
