@@ -1,4 +1,5 @@
 //! Simulated flights as the samples a decoder would have made of them: read once or step by step, and flown through a navigator.
+#![allow(clippy::expect_used, reason = "helpers of tests may fail like tests")]
 #![allow(dead_code, reason = "not every user needs all of it")]
 
 use std::borrow::Borrow;
