@@ -6,7 +6,7 @@ use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// The equations A·v = y of one feature, in units of the flow.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
+pub(super) struct FlowRow {
     /// First three columns of M_j.
     pub(super) a: Matrix2x3<f64>,
     /// Last three columns of M_j.
@@ -40,26 +40,26 @@ pub(super) struct Ransac {
 const SEED: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// Normal matrix Σ w AᵀA of the features with their weights, and the prior.
-pub(super) fn normal_matrix(rows: &[Row], weights: &[f64], prior: &Prior) -> Matrix3<f64> {
-    let sum = |n: Matrix3<f64>, (row, w): (&Row, &f64)| n + row.a.tr_mul(&row.a) * *w;
+pub(super) fn normal_matrix(rows: &[FlowRow], weights: &[f64], prior: &Prior) -> Matrix3<f64> {
+    let sum = |n: Matrix3<f64>, (row, w): (&FlowRow, &f64)| n + row.a.tr_mul(&row.a) * *w;
     rows.iter().zip(weights).fold(prior.normal, sum)
 }
 
 /// Weighted least squares; `None` when the matrix is singular.
-pub(super) fn least_squares(rows: &[Row], weights: &[f64], prior: &Prior) -> Option<Vector3<f64>> {
+pub(super) fn least_squares(rows: &[FlowRow], weights: &[f64], prior: &Prior) -> Option<Vector3<f64>> {
     let right = rows.iter().zip(weights).fold(prior.right, |g, (row, w)| g + row.a.tr_mul(&row.y) * *w);
     let v = normal_matrix(rows, weights, prior).cholesky()?.solve(&right);
     v.iter().all(|c| c.is_finite()).then_some(v)
 }
 
 /// Length of a feature's residual.
-pub(super) fn residual(row: &Row, v: &Vector3<f64>) -> f64 {
+pub(super) fn residual(row: &FlowRow, v: &Vector3<f64>) -> f64 {
     (row.y - row.a * v).norm()
 }
 
 /// Iteratively reweighted least squares from `v`, w = min(1, k/|e|), over the features whose `weights` are not zero.
 pub(super) fn huber(
-    rows: &[Row],
+    rows: &[FlowRow],
     weights: &mut [f64],
     prior: &Prior,
     mut v: Vector3<f64>,
@@ -87,7 +87,7 @@ pub(super) fn huber(
 /// The velocity of the largest set of features that agree, found from pairs of them; `weights` become 1 for those in it and 0 for the
 /// rest. All pairs are tried where there are no more than `samples`, else that many of a fixed pseudo-random sequence.
 pub(super) fn consensus(
-    rows: &[Row],
+    rows: &[FlowRow],
     weights: &mut [f64],
     prior: &Prior,
     settings: Ransac,

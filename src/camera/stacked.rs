@@ -12,7 +12,7 @@ use nalgebra::{Matrix2x3, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 use super::features::{Feature, View, ground_point, interaction_matrix};
 use super::refusal::FlowRefusal;
-use super::robust::{self, Huber, Prior, Ransac, Row};
+use super::robust::{self, FlowRow, Huber, Prior, Ransac};
 use crate::geo::CameraMount;
 
 /// How outliers are treated; thresholds are lengths of a feature's residual over [`SolveNoise::flow`].
@@ -249,7 +249,11 @@ pub fn solve_velocity(
         let Ok(point) = ground_point(view, &feature.image) else { continue };
         let m = interaction_matrix(view.focal_length, &point);
         let b: Matrix2x3<f64> = m.fixed_columns::<3>(3).into_owned();
-        rows.push(Row { a: m.fixed_columns::<3>(0).into_owned(), b, y: -(feature.flow + b * rate_camera) });
+        rows.push(FlowRow {
+            a: m.fixed_columns::<3>(0).into_owned(),
+            b,
+            y: -(feature.flow + b * rate_camera),
+        });
         seen.push(i);
     }
     if rows.len() < limits.min_features.max(1) {
@@ -290,7 +294,7 @@ pub fn solve_velocity(
 }
 
 fn solve(
-    rows: &[Row],
+    rows: &[FlowRow],
     weights: &mut [f64],
     prior: &Prior,
     method: Method,
@@ -388,7 +392,7 @@ fn variance(sum: f64, freedom: f64, stated: f64) -> f64 {
 
 /// The covariance of v for a unit variance of the flow. Of Huber's reweighting it is (Σψ'/n)⁻² (AᵀA)⁻¹ (Huber 1981, 7.6): a feature that is
 /// held back still pulls across its residual, with half its weight in the mean, and not along it.
-fn efficient(rows: &[Row], weights: &[f64], prior: &Prior) -> Result<Matrix3<f64>, FlowRefusal> {
+fn efficient(rows: &[FlowRow], weights: &[f64], prior: &Prior) -> Result<Matrix3<f64>, FlowRefusal> {
     let ones: Vec<f64> = weights.iter().map(|w| if *w > 0.0 { 1.0 } else { 0.0 }).collect();
     let slope = |w: &f64| if *w >= 1.0 { 1.0 } else { 0.5 * w };
     let mean = weights.iter().map(slope).sum::<f64>() / ones.iter().sum::<f64>();
@@ -398,7 +402,7 @@ fn efficient(rows: &[Row], weights: &[f64], prior: &Prior) -> Result<Matrix3<f64
 
 /// The covariance of the errors that all features share: height, v·σ_h/h, and angular rate, N⁻¹(ΣwAᵀB)·σ_ω.
 fn shared(
-    rows: &[Row],
+    rows: &[FlowRow],
     weights: &[f64],
     normal: &Matrix3<f64>,
     v: &Vector3<f64>,
@@ -406,7 +410,7 @@ fn shared(
     noise: &SolveNoise,
 ) -> Result<Matrix3<f64>, FlowRefusal> {
     let along = v * (noise.height_m / view.height_m);
-    let sum = |m: Matrix3<f64>, (row, w): (&Row, &f64)| m + row.a.tr_mul(&row.b) * *w;
+    let sum = |m: Matrix3<f64>, (row, w): (&FlowRow, &f64)| m + row.a.tr_mul(&row.b) * *w;
     let turned = rows.iter().zip(weights).fold(Matrix3::zeros(), sum);
     let by_rate = normal.cholesky().ok_or(FlowRefusal::Rank(2))?.solve(&turned);
     Ok(along * along.transpose() + by_rate * by_rate.transpose() * noise.rate_radps.powi(2))

@@ -45,7 +45,7 @@ pub struct EvaluateArgs {
 
 /// One line of `--json`.
 #[derive(Clone, Debug, Serialize)]
-struct Row {
+struct OutageRow {
     log: String,
     estimator: &'static str,
     #[serde(flatten)]
@@ -54,7 +54,7 @@ struct Row {
 
 #[derive(Serialize)]
 struct Rows<'a> {
-    rows: &'a [Row],
+    rows: &'a [OutageRow],
 }
 
 /// One log with one estimator.
@@ -103,7 +103,7 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
 }
 
 /// All jobs on some threads; rows in the order of the jobs.
-fn work(jobs: &[Job], args: &EvaluateArgs, bar: &ProgressBar) -> Result<Vec<Row>, Failure> {
+fn work(jobs: &[Job], args: &EvaluateArgs, bar: &ProgressBar) -> Result<Vec<OutageRow>, Failure> {
     let threads = ThreadPoolBuilder::new().num_threads(args.jobs).build();
     let threads = threads.map_err(|e| Failure::Other(e.to_string()))?;
     let in_parallel = || {
@@ -117,19 +117,19 @@ fn work(jobs: &[Job], args: &EvaluateArgs, bar: &ProgressBar) -> Result<Vec<Row>
     Ok(rows)
 }
 
-fn one(job: &Job, args: &EvaluateArgs) -> Result<Vec<Row>, LogError> {
+fn one(job: &Job, args: &EvaluateArgs) -> Result<Vec<OutageRow>, LogError> {
     let log = Log::open(&job.path, job.settings.system)?;
     let flight = airborne(&log)?;
     let rows = sweep(&log, &job.settings.pipeline, flight, &args.lengths, args.starts)?;
     let estimator = job.settings.pipeline.navigator.estimator.label();
-    Ok(rows.into_iter().map(|row| Row { log: name(&job.path), estimator, row }).collect())
+    Ok(rows.into_iter().map(|row| OutageRow { log: name(&job.path), estimator, row }).collect())
 }
 
 fn name(path: &Path) -> String {
     path.display().to_string()
 }
 
-fn print_table(rows: &[Row], args: &EvaluateArgs) {
+fn print_table(rows: &[OutageRow], args: &EvaluateArgs) {
     outln!(
         "Horizontal error at the end of an outage: median / worst m, drift in % of distance (median), error over sigma (median)"
     );

@@ -8,7 +8,7 @@ pub(super) type Jet = [f64; 4];
 
 /// A quantity that goes from one constant to the next in seventh-order steps: three times continuously differentiable.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Profile {
+pub(super) struct MotionProfile {
     start: f64,
     steps: Vec<Step>,
 }
@@ -27,7 +27,7 @@ struct Step {
 /// A step takes at least this long, s.
 const SHORTEST_STEP_S: f64 = 1e-3;
 
-impl Profile {
+impl MotionProfile {
     /// Always the same.
     pub(super) fn constant(value: f64) -> Self {
         Self { start: value, steps: Vec::new() }
@@ -124,8 +124,8 @@ pub(super) fn product(a: &Jet, b: &Jet) -> Jet {
 mod tests {
     use super::*;
 
-    fn profile() -> Profile {
-        Profile::constant(2.0).then(3.0, 4.0, -1.0).then(8.0, 1.0, 5.0)
+    fn profile() -> MotionProfile {
+        MotionProfile::constant(2.0).then(3.0, 4.0, -1.0).then(8.0, 1.0, 5.0)
     }
 
     #[test]
@@ -152,7 +152,7 @@ mod tests {
     fn a_step_ends_where_it_was_told_and_waits_for_the_one_before() {
         let p = profile();
         assert_eq!((p.at(0.0)[0], p.at(7.5)[0], p.at(100.0)[0]), (2.0, -1.0, 5.0));
-        let early = Profile::constant(0.0).then(0.0, 2.0, 1.0).then(1.0, 2.0, 2.0);
+        let early = MotionProfile::constant(0.0).then(0.0, 2.0, 1.0).then(1.0, 2.0, 2.0);
         assert_eq!(early.joins().collect::<Vec<_>>(), [0.0, 2.0, 2.0, 4.0]);
     }
 }

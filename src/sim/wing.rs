@@ -5,7 +5,7 @@
 //! rate follow. Height is closed-form as well; north and east are the integral of the velocity, by Gauss-Legendre quadrature between
 //! knots that include every join of the plan, so that each panel is analytic: exact to rounding.
 
-use super::profile::{Jet, Profile, Wave, add, product, sum};
+use super::profile::{Jet, MotionProfile, Wave, add, product, sum};
 use super::trajectory::{Path, Trajectory, Truth, coordinated};
 use nalgebra::{Vector2, Vector3};
 use std::f64::consts::PI;
@@ -20,11 +20,11 @@ const TAXI_MPS: f64 = 0.1;
 pub(super) struct Plan {
     t_s: f64,
     start_course_rad: f64,
-    turn_rate: Profile,
-    speed: Profile,
-    height: Profile,
+    turn_rate: MotionProfile,
+    speed: MotionProfile,
+    height: MotionProfile,
     /// How much of the weaving and of the wind is there, 0 to 1: none on the ground.
-    liveliness: Profile,
+    liveliness: MotionProfile,
 }
 
 impl Plan {
@@ -33,10 +33,10 @@ impl Plan {
         Self {
             t_s: 0.0,
             start_course_rad: course_rad,
-            turn_rate: Profile::constant(0.0),
-            speed: Profile::constant(speed_mps),
-            height: Profile::constant(height_m),
-            liveliness: Profile::constant(1.0),
+            turn_rate: MotionProfile::constant(0.0),
+            speed: MotionProfile::constant(speed_mps),
+            height: MotionProfile::constant(height_m),
+            liveliness: MotionProfile::constant(1.0),
         }
     }
 
@@ -82,7 +82,7 @@ impl Plan {
 
     /// Stands or rolls smoothly on the ground first; weaving and wind come in from `from_s` on.
     pub(super) fn airborne(mut self, from_s: f64, over_s: f64) -> Self {
-        self.liveliness = Profile::constant(0.0).then(from_s, over_s, 1.0);
+        self.liveliness = MotionProfile::constant(0.0).then(from_s, over_s, 1.0);
         self
     }
 }

@@ -36,7 +36,7 @@ pub struct TlogReader<R> {
     counters: Counters,
 }
 
-enum Step {
+enum RecordStep {
     Record { len: usize, known: bool },
     Skip { skip: usize, count: Option<Cause> },
 }
@@ -78,7 +78,7 @@ impl<R: Read> TlogReader<R> {
                 return Ok(None);
             }
             match step(&self.buffer[self.start..self.end], self.at_end) {
-                Step::Record { len, known } => {
+                RecordStep::Record { len, known } => {
                     let from = self.start;
                     self.advance(len);
                     self.counters.frames += 1;
@@ -87,7 +87,7 @@ impl<R: Read> TlogReader<R> {
                     }
                     return Ok(Some((from, len)));
                 }
-                Step::Skip { skip, count } => {
+                RecordStep::Skip { skip, count } => {
                     match count {
                         Some(cause) => self.counters.count(cause),
                         None => self.counters.add(Cause::Garbage, skip as u64),
@@ -142,28 +142,28 @@ impl<R: Read> TlogReader<R> {
 }
 
 /// Decides what the first bytes are. `bytes` holds at least [`LOOK_AHEAD`] bytes unless the log ends before.
-fn step(bytes: &[u8], at_end: bool) -> Step {
+fn step(bytes: &[u8], at_end: bool) -> RecordStep {
     debug_assert!(at_end || bytes.len() >= LOOK_AHEAD);
     let Some(rest) = bytes.get(STAMP_LEN..) else {
-        return Step::Skip { skip: bytes.len(), count: None };
+        return RecordStep::Skip { skip: bytes.len(), count: None };
     };
     let frame = match candidate(rest) {
         Candidate::Frame(frame) => frame,
         // Nothing after it can be a whole record either if even the shortest one does not fit.
         Candidate::Short if bytes.len() < STAMP_LEN + 8 => {
-            return Step::Skip { skip: bytes.len(), count: None };
+            return RecordStep::Skip { skip: bytes.len(), count: None };
         }
         Candidate::Short | Candidate::NoFrame => {
-            return Step::Skip { skip: to_next_start(bytes), count: None };
+            return RecordStep::Skip { skip: to_next_start(bytes), count: None };
         }
     };
     let len = STAMP_LEN + frame.len();
     if frame.checksum_fits() {
-        return Step::Record { len, known: true };
+        return RecordStep::Record { len, known: true };
     }
     // A whole record inside it says that it was none.
     if let Some(inside) = next_whole(bytes, len) {
-        return Step::Skip { skip: inside, count: None };
+        return RecordStep::Skip { skip: inside, count: None };
     }
     // A start byte where the next record has to have it (or the end of the log) says that this really was a record.
     let next_fits = match bytes.get(len + STAMP_LEN) {
@@ -171,10 +171,10 @@ fn step(bytes: &[u8], at_end: bool) -> Step {
         None => len == bytes.len(),
     };
     match (next_fits, frame.known()) {
-        (true, true) => Step::Skip { skip: len, count: Some(Cause::BadChecksum) },
-        (true, false) => Step::Record { len, known: false },
-        (false, true) => Step::Skip { skip: 1, count: Some(Cause::BadChecksum) },
-        (false, false) => Step::Skip { skip: to_next_start(bytes), count: None },
+        (true, true) => RecordStep::Skip { skip: len, count: Some(Cause::BadChecksum) },
+        (true, false) => RecordStep::Record { len, known: false },
+        (false, true) => RecordStep::Skip { skip: 1, count: Some(Cause::BadChecksum) },
+        (false, false) => RecordStep::Skip { skip: to_next_start(bytes), count: None },
     }
 }
 

@@ -12,7 +12,7 @@ pub(super) struct Pin {
 
 /// What to do with a datagram.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Verdict {
+pub(super) enum PinVerdict {
     /// It comes from the pinned peer.
     Serve,
     /// It holds an autopilot's heartbeat, and its sender is the pinned peer from now on.
@@ -31,21 +31,21 @@ impl Pin {
         now: Stamp<Companion>,
         valid: bool,
         autopilot: bool,
-    ) -> Verdict {
+    ) -> PinVerdict {
         match &mut self.peer {
             Some((pinned, heard)) if *pinned == peer => {
                 // Garbage does not keep a pin alive.
                 if valid {
                     *heard = now;
                 }
-                Verdict::Serve
+                PinVerdict::Serve
             }
-            Some(_) => Verdict::Stranger,
+            Some(_) => PinVerdict::Stranger,
             None if autopilot => {
                 self.peer = Some((peer, now));
-                Verdict::Pinned
+                PinVerdict::Pinned
             }
-            None => Verdict::Unpinned,
+            None => PinVerdict::Unpinned,
         }
     }
 
@@ -81,20 +81,20 @@ mod tests {
     fn only_an_autopilot_pins_and_only_silence_unpins() {
         let limit = Span::from_millis(5000);
         let mut pin = Pin::default();
-        assert_eq!(pin.judge(addr(1), at(0), true, false), Verdict::Unpinned);
-        assert_eq!(pin.judge(addr(2), at(1), true, true), Verdict::Pinned);
-        assert_eq!(pin.judge(addr(1), at(2), true, true), Verdict::Stranger);
-        assert_eq!(pin.judge(addr(2), at(3000), true, false), Verdict::Serve);
+        assert_eq!(pin.judge(addr(1), at(0), true, false), PinVerdict::Unpinned);
+        assert_eq!(pin.judge(addr(2), at(1), true, true), PinVerdict::Pinned);
+        assert_eq!(pin.judge(addr(1), at(2), true, true), PinVerdict::Stranger);
+        assert_eq!(pin.judge(addr(2), at(3000), true, false), PinVerdict::Serve);
         assert_eq!(pin.expire(at(8000), limit), None);
         assert_eq!(pin.expire(at(8001), limit), Some((addr(2), Span::from_millis(5001))));
-        assert_eq!(pin.judge(addr(1), at(8002), true, true), Verdict::Pinned);
+        assert_eq!(pin.judge(addr(1), at(8002), true, true), PinVerdict::Pinned);
     }
 
     #[test]
     fn garbage_does_not_keep_a_pin() {
         let mut pin = Pin::default();
         pin.judge(addr(2), at(0), true, true);
-        assert_eq!(pin.judge(addr(2), at(4999), false, false), Verdict::Serve);
+        assert_eq!(pin.judge(addr(2), at(4999), false, false), PinVerdict::Serve);
         assert!(pin.expire(at(5001), Span::from_millis(5000)).is_some());
     }
 }

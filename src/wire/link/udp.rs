@@ -11,7 +11,7 @@ use tokio::net::{UdpSocket, lookup_host};
 use super::OpenError;
 use super::deframer::{Found, deframe};
 use super::event::LinkEventKind;
-use super::pin::{Pin, Verdict};
+use super::pin::{Pin, PinVerdict};
 use super::shared::{Shared, span};
 use crate::time::{Companion, Stamp};
 use crate::wire::endpoint::{Endpoint, HostPort};
@@ -159,14 +159,14 @@ fn datagram_from(
     let (valid, autopilot) = look_through(datagram, shared);
     let verdict = pin.lock().judge(peer, received, valid, autopilot);
     match verdict {
-        Verdict::Stranger => return shared.stranger(peer),
-        Verdict::Pinned => shared.up(peer.to_string(), |peer| LinkEventKind::PeerPinned { peer }),
-        Verdict::Serve => {}
-        Verdict::Unpinned => shared.unpinned(),
+        PinVerdict::Stranger => return shared.stranger(peer),
+        PinVerdict::Pinned => shared.up(peer.to_string(), |peer| LinkEventKind::PeerPinned { peer }),
+        PinVerdict::Serve => {}
+        PinVerdict::Unpinned => shared.unpinned(),
     }
     deframe(datagram, true, |found| match found {
         // Before an autopilot was heard, frames are not to be trusted, but garbage is worth counting.
-        Found::Frame(_) | Found::Unknown(_) if verdict == Verdict::Unpinned => {}
+        Found::Frame(_) | Found::Unknown(_) if verdict == PinVerdict::Unpinned => {}
         found => shared.found(found, received),
     });
 }
