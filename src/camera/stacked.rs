@@ -249,11 +249,8 @@ pub fn solve_velocity(
         let Ok(point) = ground_point(view, &feature.image) else { continue };
         let m = interaction_matrix(view.focal_length, &point);
         let b: Matrix2x3<f64> = m.fixed_columns::<3>(3).into_owned();
-        rows.push(FlowRow {
-            a: m.fixed_columns::<3>(0).into_owned(),
-            b,
-            y: -(feature.flow + b * rate_camera),
-        });
+        let y = -(feature.flow + b * rate_camera);
+        rows.push(FlowRow { a: m.fixed_columns::<3>(0).into_owned(), b, y });
         seen.push(i);
     }
     if rows.len() < limits.min_features.max(1) {

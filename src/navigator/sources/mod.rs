@@ -1,7 +1,7 @@
 //! SourceSet: one file a sensor, each with its state and with what makes it start, stop, be used and be forgotten.
 //!
-//! A source turns a sample into an observation, or into a reason why not. It reads the [`super::context::Context`]; it never touches the
-//! estimator. To add one: a file here, an arm in [`SourceKind`](status::SourceKind), and a line where its samples come in.
+//! A source turns a sample into an observation, or into a reason why not. It reads the `Context`; it never touches the
+//! estimator. To add one: a file here, an arm in `SourceKind`, and a line where its samples come in.
 
 pub mod airspeed;
 pub(super) mod barometer;
