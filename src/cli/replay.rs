@@ -289,7 +289,7 @@ fn print_sources(sources: &[SourceReport], heard: &[u64; SampleKind::ALL.len()])
 fn print_innovations(navigator: &Navigator) {
     let mut table = Table::new(&["", "fused", "gated", "mean NIS"]);
     let mut any = false;
-    for kind in Measured::ALL {
+    for &kind in Measured::ALL {
         let count = navigator.statuses().nis(kind);
         if count.fused + count.gated > 0 {
             any = true;

@@ -1,6 +1,7 @@
 //! Everything that can be set, in SI units. The configuration is validated into this.
 
 use std::sync::Arc;
+use strum::VariantArray;
 
 use serde::{Deserialize, Serialize};
 
@@ -17,46 +18,40 @@ pub use super::sources::drag::DragSettings;
 use super::sources::landmarks::LandmarkSetup;
 
 /// What navigates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, strum::IntoStaticStr, strum::VariantArray,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimator {
     /// The best there is, what the daemon flies: the error-state filter, started and watched by the observers.
+    #[strum(serialize = "shipped")]
     Shipped,
     /// The nonlinear observers, tuned.
+    #[strum(serialize = "nlo")]
     Nlo,
     /// The nonlinear observers with the gains and discretisation that the papers print; the flow's errors are taken out as for the others,
     /// see [`FlowBiasSource`].
+    #[strum(serialize = "nlo_printed")]
     NloPrinted,
     /// The paper's filter: an exogenous Kalman filter over the nonlinear observers (Fusini (10), (2)).
+    #[strum(serialize = "xkf")]
     Xkf,
     /// The baseline: an error-state Kalman filter with attitude, position, velocity and IMU biases (15 states) and a flow bias, fed with
     /// IMU, GNSS, flow, magnetometer and height.
+    #[strum(serialize = "ekf15")]
     Ekf15,
     /// The shipped filter with GNSS, inertial coasting without: what there is to be gained from flow and airspeed.
+    #[strum(serialize = "inertial")]
     Inertial,
 }
 
 impl Estimator {
     /// All, in the order they are shown.
-    pub const ALL: [Estimator; 6] = [
-        Estimator::Shipped,
-        Estimator::Nlo,
-        Estimator::NloPrinted,
-        Estimator::Xkf,
-        Estimator::Ekf15,
-        Estimator::Inertial,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// Its name, as in the configuration.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Estimator::Shipped => "shipped",
-            Estimator::Nlo => "nlo",
-            Estimator::NloPrinted => "nlo_printed",
-            Estimator::Xkf => "xkf",
-            Estimator::Ekf15 => "ekf15",
-            Estimator::Inertial => "inertial",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 
     /// Whether an error-state filter runs and is published.

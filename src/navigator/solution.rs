@@ -7,65 +7,63 @@ use crate::geo::{Body, BodyToNed, Ned};
 use crate::time::AutopilotTime;
 
 /// What the navigator is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, strum::IntoStaticStr)]
 pub enum Mode {
     /// Finding attitude, heading and place; nothing is known yet.
+    #[strum(serialize = "Aligning")]
     Aligning,
     /// GNSS is trusted and used.
+    #[strum(serialize = "Aided")]
     Aided,
     /// GNSS is not trusted: dead reckoning.
+    #[strum(serialize = "Holdover")]
     Holdover,
     /// GNSS is good again; the position glides over to it.
+    #[strum(serialize = "Rejoining")]
     Rejoining,
     /// The position is not known well enough to be used by anybody.
+    #[strum(serialize = "Lost")]
     Lost,
 }
 
 impl Mode {
     /// Its name, as in the JSON.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Mode::Aligning => "Aligning",
-            Mode::Aided => "Aided",
-            Mode::Holdover => "Holdover",
-            Mode::Rejoining => "Rejoining",
-            Mode::Lost => "Lost",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 }
 
 /// What carries the horizontal velocity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
 pub enum VelocitySource {
     /// GNSS position and velocity.
+    #[strum(serialize = "GNSS")]
     Gnss,
     /// The position is that of known landmarks in view; what carries between them does not matter.
+    #[strum(serialize = "landmarks")]
     Landmarks,
     /// Optical flow and height.
+    #[strum(serialize = "optical flow")]
     Flow,
     /// Airspeed, heading and the wind as it was last known.
+    #[strum(serialize = "airspeed")]
     Airspeed,
     /// The drag of a multirotor's rotors, and the wind as it was last known.
+    #[strum(serialize = "rotor drag")]
     Drag,
     /// The vehicle stands on the ground.
+    #[strum(serialize = "standing still")]
     Standstill,
     /// Nothing: inertial coasting.
+    #[strum(serialize = "inertia alone")]
     Inertial,
 }
 
 impl VelocitySource {
     /// What it is, for people.
-    pub const fn label(self) -> &'static str {
-        match self {
-            VelocitySource::Gnss => "GNSS",
-            VelocitySource::Landmarks => "landmarks",
-            VelocitySource::Flow => "optical flow",
-            VelocitySource::Airspeed => "airspeed",
-            VelocitySource::Drag => "rotor drag",
-            VelocitySource::Standstill => "standing still",
-            VelocitySource::Inertial => "inertia alone",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 }
 

@@ -4,83 +4,85 @@ use super::monitor::GnssFault;
 use crate::camera::calibration::Distrust;
 
 /// Why a sample was not used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, strum::IntoStaticStr)]
 pub enum Reason {
     /// A number in it is not finite.
+    #[strum(serialize = "not finite")]
     NotFinite,
     /// Older than the newest of its kind.
+    #[strum(serialize = "out of order")]
     OutOfOrder,
     /// It came so long after it was measured that it cannot be set against its own time any more.
+    #[strum(serialize = "too late")]
     Late,
     /// The sensor repeats itself where it cannot.
+    #[strum(serialize = "stuck")]
     Stuck,
     /// There is no origin, attitude or height yet to use it with.
+    #[strum(serialize = "no reference yet")]
     NoReferenceYet,
     /// The innovation is out of bounds.
+    #[strum(serialize = "innovation out of bounds")]
     Innovation,
     /// The GNSS trust monitor rejected it.
+    #[strum(serialize = "GNSS")]
     Gnss(GnssFault),
     /// Another sensor of the same kind is used.
+    #[strum(serialize = "another sensor is used")]
     Redundant,
     /// Switched off by configuration.
+    #[strum(serialize = "switched off")]
     SwitchedOff,
     /// The magnetic field has the wrong strength.
+    #[strum(serialize = "wrong field strength")]
     FieldStrength,
     /// The flow sensor itself calls it bad.
+    #[strum(serialize = "low quality")]
     LowQuality,
     /// The height over the ground is not known, or the vehicle stands.
+    #[strum(serialize = "no height over ground")]
     NoDistance,
     /// The vehicle leans too much for the ground to be seen.
+    #[strum(serialize = "too much tilt")]
     Tilt,
     /// Beyond the sensor's own limits.
+    #[strum(serialize = "out of range")]
     OutOfRange,
     /// The image's features or patches lie so that they do not observe the velocity.
+    #[strum(serialize = "velocity not observed")]
     Unobservable,
     /// The features or patches of one image do not agree on one motion.
+    #[strum(serialize = "patches disagree")]
     Inconsistent,
     /// The vehicle is too slow for it to mean anything.
+    #[strum(serialize = "too slow")]
     TooSlow,
     /// The sensor contradicts GNSS.
+    #[strum(serialize = "contradicts GNSS")]
     Distrusted,
     /// Its stamp lies further ahead than any sensor's may.
+    #[strum(serialize = "from the future")]
     Early,
     /// It was told before.
+    #[strum(serialize = "told before")]
     Duplicate,
     /// No landmark of this id is configured.
+    #[strum(serialize = "unknown landmark")]
     UnknownLandmark,
     /// No camera of this component is configured.
+    #[strum(serialize = "unknown camera")]
     UnknownCamera,
     /// Of no use on this vehicle, or to this version of the navigator.
+    #[strum(serialize = "not used")]
     NotUsed,
 }
 
 impl Reason {
     /// A few words for tables.
-    pub const fn label(self) -> &'static str {
+    pub fn label(self) -> &'static str {
         match self {
-            Reason::NotFinite => "not finite",
-            Reason::OutOfOrder => "out of order",
-            Reason::Late => "too late",
-            Reason::Stuck => "stuck",
-            Reason::NoReferenceYet => "no reference yet",
-            Reason::Innovation => "innovation out of bounds",
             Reason::Gnss(fault) => fault.reason(),
-            Reason::Redundant => "another sensor is used",
-            Reason::SwitchedOff => "switched off",
-            Reason::FieldStrength => "wrong field strength",
-            Reason::LowQuality => "low quality",
-            Reason::NoDistance => "no height over ground",
-            Reason::Tilt => "too much tilt",
-            Reason::OutOfRange => "out of range",
-            Reason::Unobservable => "velocity not observed",
-            Reason::Inconsistent => "patches disagree",
-            Reason::TooSlow => "too slow",
-            Reason::Distrusted => "contradicts GNSS",
-            Reason::Early => "from the future",
-            Reason::Duplicate => "told before",
-            Reason::UnknownLandmark => "unknown landmark",
-            Reason::UnknownCamera => "unknown camera",
-            Reason::NotUsed => "not used",
+            other => other.into(),
         }
     }
 }

@@ -6,6 +6,7 @@
 //! not declared good again before a time of good ones.
 
 use nalgebra::Vector2;
+use strum::VariantArray;
 
 use crate::sample::{GnssFix, GnssSample};
 use crate::time::AutopilotTime;
@@ -41,55 +42,46 @@ pub struct TrustSettings {
 }
 
 /// Why a fix was not used, or GNSS is lost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, strum::IntoStaticStr, strum::VariantArray,
+)]
 pub enum GnssFault {
     /// No message came.
+    #[strum(serialize = "silent")]
     Silence,
     /// The receiver says that it has no three-dimensional fix.
+    #[strum(serialize = "no fix")]
     NoFix,
     /// Too few satellites.
+    #[strum(serialize = "few satellites")]
     FewSatellites,
     /// The receiver says that it is inaccurate.
+    #[strum(serialize = "inaccurate")]
     Inaccurate,
     /// The position jumped.
+    #[strum(serialize = "position jump")]
     PositionJump,
     /// The velocity jumped.
+    #[strum(serialize = "velocity jump")]
     VelocityJump,
     /// The positions do not move as the velocities say.
+    #[strum(serialize = "position contradicts velocity")]
     Inconsistent,
     /// Older than what is remembered, or from the future.
+    #[strum(serialize = "untimely")]
     Untimely,
     /// Masked by the operator (replay's `--outage`).
+    #[strum(serialize = "masked")]
     Masked,
 }
 
 impl GnssFault {
     /// All faults, in the order they are shown.
-    pub const ALL: [GnssFault; 9] = [
-        GnssFault::Silence,
-        GnssFault::NoFix,
-        GnssFault::FewSatellites,
-        GnssFault::Inaccurate,
-        GnssFault::PositionJump,
-        GnssFault::VelocityJump,
-        GnssFault::Inconsistent,
-        GnssFault::Untimely,
-        GnssFault::Masked,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// A few words for logs, tables and STATUSTEXT.
-    pub const fn reason(self) -> &'static str {
-        match self {
-            GnssFault::Silence => "silent",
-            GnssFault::NoFix => "no fix",
-            GnssFault::FewSatellites => "few satellites",
-            GnssFault::Inaccurate => "inaccurate",
-            GnssFault::PositionJump => "position jump",
-            GnssFault::VelocityJump => "velocity jump",
-            GnssFault::Inconsistent => "position contradicts velocity",
-            GnssFault::Untimely => "untimely",
-            GnssFault::Masked => "masked",
-        }
+    pub fn reason(self) -> &'static str {
+        self.into()
     }
 }
 

@@ -14,7 +14,8 @@ use super::status::SourceHealth;
 use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::rangefinder::{
     DISPUTE_S, FOLLOW_STEP_S, GROUND_BELIEVED_S, GROUND_RATE_MPS, GROUND_SLOPE, GROUND_STEP_FRACTION,
-    GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST, RELATIVE_SIGMA,
+    GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, LEVEL_COSINE, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST,
+    RELATIVE_SIGMA,
 };
 
 /// The ground is seen elsewhere than it was.
@@ -80,7 +81,10 @@ impl RangefinderSource {
         let cosine = context.core.attitude.r_body_to_ned[(2, 2)];
         let height = context.core.height.height_m().filter(|_| cosine > MIN_COSINE);
         let height = height.ok_or(Reason::NoReferenceYet)?;
-        self.following.note(s.time, s.distance_m * cosine, height);
+        // In a bank an error of the attitude is one of the distance.
+        if cosine > LEVEL_COSINE {
+            self.following.note(s.time, s.distance_m * cosine, height);
+        }
         let ground = height - s.distance_m * cosine;
         if let Some(known) = self.ground_m
             && !self.is_plausible(s.time, ground - known, height, height - known)

@@ -3,6 +3,7 @@
 //! One record a source. Silence is a bug, so all of it is counted, and whoever runs the navigator can see it at any time.
 
 use std::collections::BTreeMap;
+use strum::VariantArray;
 
 use serde::Serialize;
 
@@ -14,50 +15,49 @@ use super::super::verdict::{Reason, Verdict};
 use crate::navigator::tuning::status::{GATE_SIGMA, LARGEST_RATIO, RATIO_SCALARS};
 
 /// What kind of source.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum SourceKind {
     /// Gyros and accelerometers.
+    #[strum(serialize = "IMU")]
     Imu,
     /// A GNSS receiver.
+    #[strum(serialize = "GNSS")]
     Gnss,
     /// A barometer.
+    #[strum(serialize = "barometer")]
     Barometer,
     /// A rangefinder.
+    #[strum(serialize = "rangefinder")]
     Rangefinder,
     /// The altimeter's height, which the filter takes as a measurement.
+    #[strum(serialize = "height")]
     Height,
     /// A magnetometer.
+    #[strum(serialize = "magnetometer")]
     Magnetometer,
     /// An optical flow sensor, or a patch of one.
+    #[strum(serialize = "optical flow")]
     Flow,
     /// A pitot tube.
+    #[strum(serialize = "airspeed")]
     Airspeed,
     /// The rotors' drag, as the accelerometers show it.
+    #[strum(serialize = "rotor drag")]
     Drag,
     /// Standing still.
+    #[strum(serialize = "standstill")]
     Standstill,
     /// Known landmarks, by camera.
+    #[strum(serialize = "landmarks")]
     Landmarks,
 }
 
 impl SourceKind {
     /// Name for tables.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::Imu => "IMU",
-            Self::Gnss => "GNSS",
-            Self::Barometer => "barometer",
-            Self::Rangefinder => "rangefinder",
-            Self::Height => "height",
-            Self::Magnetometer => "magnetometer",
-            Self::Flow => "optical flow",
-            Self::Airspeed => "airspeed",
-            Self::Drag => "rotor drag",
-            Self::Standstill => "standstill",
-            Self::Landmarks => "landmarks",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 }
 
@@ -107,63 +107,50 @@ impl SourceId {
 }
 
 /// What was fused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::IntoStaticStr, strum::VariantArray)]
 pub enum Measured {
     /// A GNSS position component.
+    #[strum(serialize = "GNSS position")]
     GnssPosition,
     /// A GNSS velocity component.
+    #[strum(serialize = "GNSS velocity")]
     GnssVelocity,
     /// A magnetometer vector.
+    #[strum(serialize = "magnetometer")]
     Magnetometer,
     /// A flow velocity component.
+    #[strum(serialize = "optical flow")]
     Flow,
     /// The height filter's height.
+    #[strum(serialize = "height")]
     Height,
     /// Airspeed.
+    #[strum(serialize = "airspeed")]
     Airspeed,
     /// No sideslip.
+    #[strum(serialize = "sideslip")]
     Sideslip,
     /// Rotor drag along an axis.
+    #[strum(serialize = "rotor drag")]
     Drag,
     /// Standing still.
+    #[strum(serialize = "standstill")]
     Standstill,
     /// A component of the position that landmarks give.
+    #[strum(serialize = "landmark position")]
     LandmarkPosition,
     /// The heading that landmarks give.
+    #[strum(serialize = "landmark heading")]
     LandmarkHeading,
 }
 
 impl Measured {
     /// All, in the order they are shown.
-    pub const ALL: [Measured; 11] = [
-        Measured::GnssPosition,
-        Measured::GnssVelocity,
-        Measured::Magnetometer,
-        Measured::Flow,
-        Measured::Height,
-        Measured::Airspeed,
-        Measured::Sideslip,
-        Measured::Drag,
-        Measured::Standstill,
-        Measured::LandmarkPosition,
-        Measured::LandmarkHeading,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// Name for tables.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Measured::GnssPosition => "GNSS position",
-            Measured::GnssVelocity => "GNSS velocity",
-            Measured::Magnetometer => "magnetometer",
-            Measured::Flow => "optical flow",
-            Measured::Height => "height",
-            Measured::Airspeed => "airspeed",
-            Measured::Sideslip => "sideslip",
-            Measured::Drag => "rotor drag",
-            Measured::Standstill => "standstill",
-            Measured::LandmarkPosition => "landmark position",
-            Measured::LandmarkHeading => "landmark heading",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 
     /// Whose it is, and which of its two quantities.
@@ -212,27 +199,26 @@ impl NisCount {
 /// Whether a source can be believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-#[derive(PartialOrd, Ord)]
+#[derive(PartialOrd, Ord, strum::IntoStaticStr)]
 pub enum SourceHealth {
     /// Nothing speaks against it.
+    #[strum(serialize = "healthy")]
     Healthy,
     /// Something does, and it is not used, or with caution, until that is settled.
+    #[strum(serialize = "suspect")]
     Suspect,
     /// It was found to be wrong.
+    #[strum(serialize = "faulty")]
     Faulty,
     /// It has not been heard for longer than it may be.
+    #[strum(serialize = "silent")]
     Silent,
 }
 
 impl SourceHealth {
     /// Name for tables.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::Healthy => "healthy",
-            Self::Suspect => "suspect",
-            Self::Faulty => "faulty",
-            Self::Silent => "silent",
-        }
+    pub fn label(self) -> &'static str {
+        self.into()
     }
 
     /// The worse of two.

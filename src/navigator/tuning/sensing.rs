@@ -216,6 +216,8 @@ pub(in crate::navigator) mod magnetometer {
 pub(in crate::navigator) mod rangefinder {
     /// Steepest tilt at which a range beam still measures the height over ground: cos 60°.
     pub(in crate::navigator) const MIN_COSINE: f64 = 0.5;
+    /// Whether a distance follows the height is judged where the vehicle leans by less: cos 18°.
+    pub(in crate::navigator) const LEVEL_COSINE: f64 = 0.95;
     /// The ground may step by this much, m, or this part of the height over it, from one sample to the next …
     pub(in crate::navigator) const GROUND_STEP_M: f64 = 1.0;
     pub(in crate::navigator) const GROUND_STEP_FRACTION: f64 = 0.2;
