@@ -7,6 +7,7 @@ mod check;
 mod evaluate;
 mod inspect;
 mod markers;
+mod preflight;
 mod replay;
 mod run;
 mod simulate;
@@ -31,13 +32,15 @@ struct Cli {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong command line or configuration, \
-3 a log cannot be read, 4 a log lacks what is needed, 5 a link cannot be opened";
+3 a log cannot be read, 4 a log lacks what is needed, 5 a link cannot be opened, 6 the vehicle is not ready";
 
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Navigate: listen to the autopilot, and tell it where it is when GNSS drops
     Run(run::RunArgs),
+    /// Check over the link that the autopilot is set up for what will be sent to it
+    Preflight(preflight::PreflightArgs),
     /// Fly a log again: what Holdover would have done
     Replay(replay::ReplayArgs),
     /// Slide outages over logs and tabulate the drift
@@ -114,9 +117,12 @@ enum Failure {
     /// A log (or vehicle) lacks what is needed.
     #[error("{0}")]
     Lacking(String),
-    /// A link cannot be opened.
+    /// A link cannot be opened, or leads to no autopilot.
     #[error("{0}")]
     Link(String),
+    /// The vehicle is not ready.
+    #[error("{0}")]
+    Faults(String),
     /// Anything else.
     #[error("{0}")]
     Other(String),
@@ -131,6 +137,7 @@ impl Failure {
             Failure::Log(_) => 3,
             Failure::Lacking(_) => 4,
             Failure::Link(_) => 5,
+            Failure::Faults(_) => 6,
         }
     }
 }
@@ -154,6 +161,7 @@ impl From<csv::Error> for Failure {
 fn run(cli: Cli) -> Result<(), Failure> {
     match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Preflight(args) => preflight::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Inspect(args) => inspect::run(&args),

@@ -9,6 +9,8 @@ pub mod heartbeat;
 pub mod heartbeat_fields;
 pub mod identity;
 pub mod outgoing;
+pub mod parameter_value;
+pub mod parameters;
 mod rate_meter;
 pub mod requests;
 pub mod status_text;
