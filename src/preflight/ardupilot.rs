@@ -3,6 +3,8 @@
 //! From its sources (AP_VisualOdom, AP_NavEKF_Source, AP_Arming) and from flights with 4.7: VISO_TYPE and a source set with external
 //! navigation have to stand at boot, the EKF makes room for it only then; what is dropped is dropped without a word.
 
+use std::ops::RangeInclusive;
+
 use crate::outbound::Carriage;
 use crate::sample::SampleKind;
 
@@ -31,7 +33,11 @@ pub(super) const OTHER_NAMES: [(&str, &str); 2] =
     [("RNGFND1_MAX", "RNGFND1_MAX_CM"), ("ARMING_CHECK", "ARMING_SKIPCHK")];
 
 const SOURCES: [&str; 5] = ["POSXY", "VELXY", "POSZ", "VELZ", "YAW"];
-const CHANNELS: std::ops::RangeInclusive<u8> = 5..=16;
+const CHANNELS: RangeInclusive<u8> = 5..=16;
+/// Serial ports, and `SERIALn_PROTOCOL`: MAVLink 1, MAVLink 2.
+const PORTS: RangeInclusive<u8> = 0..=7;
+const MAVLINK1: f64 = 1.0;
+const MAVLINK2: f64 = 2.0;
 
 /// The parameters to read.
 pub(super) fn wanted() -> Vec<String> {
@@ -39,7 +45,9 @@ pub(super) fn wanted() -> Vec<String> {
     let sets = (1..=3).flat_map(|n| SOURCES.iter().map(move |s| format!("EK3_SRC{n}_{s}")));
     let others = ["FLOW_TYPE", "RNGFND1_TYPE"].into_iter().map(str::to_owned);
     let renamed = OTHER_NAMES.iter().flat_map(|(a, b)| [(*a).to_owned(), (*b).to_owned()]);
-    one.chain(sets).chain(others).chain(renamed).chain(CHANNELS.map(|n| format!("RC{n}_OPTION"))).collect()
+    let channels = CHANNELS.map(|n| format!("RC{n}_OPTION"));
+    let ports = PORTS.map(|n| format!("SERIAL{n}_PROTOCOL"));
+    one.chain(sets).chain(others).chain(renamed).chain(channels).chain(ports).collect()
 }
 
 /// What is wrong with it.
@@ -48,6 +56,7 @@ pub(super) fn judge(case: &Case<'_>) -> Vec<Finding> {
         return Vec::new();
     }
     let mut out = apply(RULES, case);
+    out.extend(ports(case));
     out.extend(sources(case));
     out.extend(arming(case));
     out.extend(rangefinder(case));
@@ -87,7 +96,7 @@ static RULES: &[Rule] = &[
         name: "EK3_SRC_OPTIONS",
         grade: FindingGrade::Fault,
         good: |v, _| !bits(v, FUSE_ALL),
-        mend: |v, _| v - f64::from(FUSE_ALL),
+        mend: |v, _| f64::from(v as i64 as u32 & !FUSE_ALL),
         should: "without bit 0",
         why: "bit 0 fuses the velocities of all sources at a time: a lost or lying GNSS stays in the estimate",
         reboot: false,
@@ -204,6 +213,29 @@ fn arming(case: &Case<'_>) -> Option<Finding> {
         case,
         "ArduPilot does not arm (\"VisOdom: not healthy\") unless messages come before the loss",
     ))
+}
+
+/// Ports that may be the one that leads here and sends MAVLink 1.
+fn ports(case: &Case<'_>) -> Vec<Finding> {
+    if !case.readings.mavlink1 {
+        return Vec::new();
+    }
+    let old = |name: &String| case.readings.parameter(name) == Some(MAVLINK1);
+    let names: Vec<String> = PORTS.map(|n| format!("SERIAL{n}_PROTOCOL")).filter(old).collect();
+    // Of several only a person knows which is meant.
+    let mend = (names.len() == 1).then_some(MAVLINK2);
+    let why = "MAVLink 1 has no ODOMETRY";
+    let judge = |name: &String| {
+        Finding::parameter(
+            FindingGrade::Fault,
+            (name, MAVLINK1),
+            "2 if it is the port that leads here",
+            mend,
+            why,
+        )
+        .at_boot()
+    };
+    names.iter().map(judge).collect()
 }
 
 /// The rangefinder's greatest distance, m.

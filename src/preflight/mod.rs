@@ -12,6 +12,8 @@ mod px4;
 pub mod readings;
 mod rule;
 mod streams;
+#[cfg(test)]
+mod tests;
 
 use crate::wire::session::identity::AutopilotKind;
 
@@ -53,7 +55,7 @@ pub fn judge(readings: &Readings, needs: &Needs) -> Vec<Finding> {
 pub fn untold(readings: &Readings) -> Vec<String> {
     let known = |name: &str| readings.parameters.contains_key(name);
     let of_some = |name: &str| {
-        ["SERIAL", "RC", "MAV_"].iter().any(|p| name.starts_with(p))
+        ["SERIAL", "RC", "MAV_", "SENS_EN_"].iter().any(|p| name.starts_with(p))
             || ardupilot::OTHER_NAMES
                 .iter()
                 .any(|(a, b)| (name == *a && known(b)) || (name == *b && known(a)))

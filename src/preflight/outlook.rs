@@ -95,30 +95,27 @@ fn inertia(readings: &Readings, needs: &Needs) -> Outlook {
         _ => "the autopilot's own failsafe (Land) drifts less",
     };
     let drag = needs.uses.drag && readings.airframe == Some(Airframe::Multirotor);
-    let (carried_by, grade, text) = if drag {
+    let tail = format!("inertia alone: {far}; {alone}");
+    let (carried_by, text) = if drag {
         let text = format!(
-            "no optical flow: a loss would be carried by inertia, and by rotor drag as far as that proves true in flight. Inertia alone: \
-             {far}; {alone}"
+            "no optical flow: carried by rotor drag as far as that proves true in flight, else by {tail}"
         );
-        ("drag", FindingGrade::Advice, text)
+        ("drag", text)
     } else {
-        let text = format!(
-            "no optical flow and no airspeed: a loss would be carried by inertia alone: {far}; {alone}"
-        );
-        ("inertia", FindingGrade::Fault, text)
+        ("inertia", format!("no optical flow and no airspeed: a loss would be carried by {tail}"))
     };
-    let now = serde_json::to_value(needs.publish).unwrap_or_default();
-    let publish = now.as_str().unwrap_or_default().to_owned();
     let why = format!(
-        "after a loss Holdover would lead the vehicle away, up to {} s, where it could land",
+        "inertia alone carries a loss: Holdover would lead the vehicle away, for up to {} s, where it could land",
         plain(needs.max_coast_s)
     );
-    let finding = Finding::key(grade, ("outbound.publish", publish), "never", why);
+    let example = Some("holdover run --set outbound.publish=never".to_owned());
+    let finding =
+        Finding::stream(FindingGrade::Fault, ("optical flow or airspeed", 0.0), "to come", why, example);
     Outlook {
         carried_by,
         text,
         inertial_drift_m: Some(drift_m),
         after_s: AFTER_S,
-        finding: needs.sends().then_some(finding),
+        finding: (needs.sends() && !drag).then_some(finding),
     }
 }

@@ -13,6 +13,8 @@ use super::rule::{Rule, apply, bits};
 const POSITION: u32 = 1 | 2;
 const VELOCITY: u32 = 4;
 const YAW: u32 = 8;
+/// `EKF2_HGT_REF`: vision.
+const VISION_HEIGHT: f64 = 3.0;
 /// PX4 throws away TIMESYNC answers that took longer, ms.
 const TIMESYNC_LIMIT_MS: f64 = 10.0;
 /// Room in EKF2_DELAY_MAX beyond the way here, ms: our own and PX4's scheduling.
@@ -31,10 +33,11 @@ const GOOD_IMU_HZ: f64 = 90.0;
 
 /// The parameters to read.
 pub(super) fn wanted() -> Vec<String> {
-    let one = RULES.iter().map(|r| r.name.to_owned());
+    let mut one: Vec<String> = RULES.iter().map(|r| r.name.to_owned()).collect();
+    one.dedup();
     let others = ["EKF2_OF_CTRL", "SYS_HAS_MAG", "SENS_EN_PX4FLOW"].map(str::to_owned);
     let links = (0..=2).flat_map(|n| ["CONFIG", "MODE"].map(|k| format!("MAV_{n}_{k}")));
-    one.chain(others).chain(links).collect()
+    one.into_iter().chain(others).chain(links).collect()
 }
 
 /// What is wrong with it.
@@ -85,10 +88,19 @@ static RULES: &[Rule] = &[
     Rule {
         name: "EKF2_HGT_REF",
         grade: FindingGrade::Fault,
-        good: |v, _| v == 0.0 || v == 1.0,
+        good: |v, _| v != VISION_HEIGHT,
+        mend: |_, _| 0.0,
+        should: "0 (barometer), never 3",
+        why: "the reference of the height would be ours: it would follow its own error",
+        reboot: true,
+    },
+    Rule {
+        name: "EKF2_HGT_REF",
+        grade: FindingGrade::Advice,
+        good: |v, _| v == 0.0 || v == VISION_HEIGHT,
         mend: |_, _| 0.0,
         should: "0 (barometer)",
-        why: "the reference of the height has to be there without GNSS and must not be ours (3): the height would follow its own error",
+        why: "the reference of the height goes with GNSS, and another takes over in the moment of the loss",
         reboot: true,
     },
     Rule {

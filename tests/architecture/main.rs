@@ -69,6 +69,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "wire",
         ],
     ),
+    ("preflight", &["config", "navigator", "outbound", "sample", "time", "wire"]),
     (
         "cli",
         &[
@@ -80,6 +81,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "navigator",
             "outbound",
             "pipeline",
+            "preflight",
             "record",
             "replay",
             "report",

@@ -13,4 +13,6 @@ mod cli;
 mod docs;
 mod flights;
 mod marker_log;
+mod preflight;
 mod simulate;
+mod stand_in;
