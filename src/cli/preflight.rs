@@ -144,7 +144,7 @@ async fn converse(settings: &Settings, needs: &Needs, args: &PreflightArgs) -> R
                 if let Some(beat) = beat.poll(now, SystemStatus::Boot, CODE_NO_AUTOPILOT) {
                     transmitter.broadcast(&beat);
                 }
-                for message in preflight.poll(now) {
+                for message in preflight.poll(now).messages {
                     transmitter.answer(&message);
                 }
                 if let Some(end) = preflight.end() {
@@ -176,12 +176,12 @@ fn hear(
     if ours && !transmitter.listens(received.link, at).0 {
         return;
     }
-    let answer = preflight.hear(&frame, at, clock.now());
+    let reply = preflight.hear(&frame, at, clock.now());
     if !ours && let Some(vehicle) = preflight.vehicle().filter(|_| preflight.sent_by_autopilot(&frame)) {
         transmitter.belong_to(vehicle.system);
         transmitter.listens(received.link, at);
     }
-    if let Some(answer) = answer {
+    if let Some(answer) = reply.answer {
         transmitter.answer(&answer);
     }
 }

@@ -123,12 +123,12 @@ static RULES: &[Rule] = &[
 ];
 
 /// One of the EKF's source sets.
-struct SourceSet<'a> {
+struct EkfSourceSet<'a> {
     case: &'a Case<'a>,
     number: u8,
 }
 
-impl SourceSet<'_> {
+impl EkfSourceSet<'_> {
     fn name(&self, source: &str) -> String {
         format!("EK3_SRC{}_{source}", self.number)
     }
@@ -173,15 +173,15 @@ impl SourceSet<'_> {
 }
 
 fn sources(case: &Case<'_>) -> Vec<Finding> {
-    let sets = [1, 2, 3].map(|number| SourceSet { case, number });
-    let mut out: Vec<Finding> = sets.iter().filter(|s| s.takes_us()).flat_map(SourceSet::judge).collect();
+    let sets = [1, 2, 3].map(|number| EkfSourceSet { case, number });
+    let mut out: Vec<Finding> = sets.iter().filter(|s| s.takes_us()).flat_map(EkfSourceSet::judge).collect();
     let [first, others @ ..] = &sets;
-    if first.takes_us() && !case.needs.sends_before_a_loss(case.readings.vehicle.autopilot) {
+    if first.takes_us() && !case.needs.sends_before_a_loss() {
         let why =
             "EK3_SRC1_POSXY is 6: the EKF flies on us from the start, and gets nothing before GNSS is lost";
         out.push(publish(case, why));
     }
-    if sets.iter().any(SourceSet::takes_us) || others.iter().all(|s| s.get("POSXY").is_none()) {
+    if sets.iter().any(EkfSourceSet::takes_us) || others.iter().all(|s| s.get("POSXY").is_none()) {
         return out;
     }
     match others.iter().find(|s| s.is_free()) {
@@ -206,7 +206,7 @@ fn arming(case: &Case<'_>) -> Option<Finding> {
     let parameter = |name| case.readings.parameter(name);
     let checked = parameter("ARMING_CHECK").is_some_and(|v| bits(v, CHECK_ALL) || bits(v, CHECK_VISION))
         || parameter("ARMING_SKIPCHK").is_some_and(|v| !bits(v, CHECK_VISION));
-    if !checked || case.needs.sends_before_a_loss(case.readings.vehicle.autopilot) {
+    if !checked || case.needs.sends_before_a_loss() {
         return None;
     }
     Some(publish(

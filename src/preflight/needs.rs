@@ -3,7 +3,6 @@
 use crate::config::Settings;
 use crate::navigator::settings::BudgetSettings;
 use crate::outbound::{Carriage, Profile, Publish};
-use crate::wire::session::identity::AutopilotKind;
 
 /// What an autopilot has to be set up for.
 #[derive(Clone, Debug)]
@@ -78,8 +77,8 @@ impl Needs {
         self.publish != Publish::Never
     }
 
-    /// Whether the position is sent to this autopilot before GNSS is lost, too.
-    pub fn sends_before_a_loss(&self, _autopilot: AutopilotKind) -> bool {
-        self.publish == Publish::Always
+    /// Whether the position is sent before GNSS is lost, too.
+    pub fn sends_before_a_loss(&self) -> bool {
+        !matches!(self.publish, Publish::Holdover | Publish::Never)
     }
 }

@@ -140,6 +140,11 @@ impl<'a> Frame<'a> {
         self.version
     }
 
+    /// Whether it is MAVLink 1, which has no ids above 255.
+    pub fn is_mavlink1(&self) -> bool {
+        self.version == MavlinkVersion::V1
+    }
+
     fn header_len(&self) -> usize {
         match self.version {
             MavlinkVersion::V1 => 6,

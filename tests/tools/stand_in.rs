@@ -25,6 +25,9 @@ pub const INT8: u8 = 2;
 pub const INT32: u8 = 6;
 pub const REAL32: u8 = 9;
 
+/// Where in its flight the vehicle is met, s.
+const AIRBORNE_S: f64 = 60.0;
+
 /// An autopilot that can be set up.
 #[derive(Clone)]
 pub struct StandIn {
@@ -136,7 +139,8 @@ impl Stage {
         if !self.set_up.flow {
             suite.flow = None;
         }
-        let mut readings = Simulation::new(scenario, suite, 1).peekable();
+        // In the air.
+        let mut readings = Simulation::new(scenario, suite, 1).skip_while(|r| r.t_s < AIRBORNE_S).peekable();
         let (mut beat_us, mut buffer) = (0, [0; 2000]);
         while !stop.load(Ordering::Relaxed) {
             let now_us = self.now_us();
@@ -148,7 +152,7 @@ impl Stage {
                 beat_us = now_us + 500_000;
                 self.beat();
             }
-            while let Some(reading) = readings.next_if(|r| r.t_s * 1e6 <= now_us as f64) {
+            while let Some(reading) = readings.next_if(|r| (r.t_s - AIRBORNE_S) * 1e6 <= now_us as f64) {
                 let mut messages = Vec::new();
                 encode_vehicle::samples(reading.samples.iter(), &mut messages);
                 messages.iter().for_each(|m| self.send(m));
@@ -189,7 +193,12 @@ impl Stage {
                 MavMessage::COMMAND_LONG(command) => self.command(&command),
                 MavMessage::TIMESYNC(t) if t.tc1 == 0 => {
                     let tc1 = self.now_us() * 1000 + 1;
-                    self.send(&MavMessage::TIMESYNC(apm::TIMESYNC_DATA { tc1, ..t }));
+                    self.send(&MavMessage::TIMESYNC(apm::TIMESYNC_DATA {
+                        tc1,
+                        ts1: t.ts1,
+                        target_system: 1,
+                        target_component: 197,
+                    }));
                 }
                 MavMessage::PARAM_REQUEST_READ(ask) if self.arrives() => {
                     assert_eq!((ask.target_system, ask.target_component, ask.param_index), (1, 1, -1));

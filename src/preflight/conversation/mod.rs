@@ -8,7 +8,6 @@ mod writing;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mavlink::dialects::ardupilotmega::MavMessage;
 use serde::Serialize;
 
 use crate::config::Settings;
@@ -18,7 +17,7 @@ use crate::wire::decode::Decoder;
 use crate::wire::frame::{ComponentId, Frame, SystemId};
 use crate::wire::messages::from_any_component;
 use crate::wire::session::Address;
-use crate::wire::session::autopilot::AutopilotSession;
+use crate::wire::session::autopilot::{AutopilotSession, Reply, SessionPoll};
 use crate::wire::session::heartbeat_fields::HeartbeatFields;
 use crate::wire::session::identity::{IdentityEvent, Sender, Vehicle};
 use crate::wire::session::parameter_value::{ParameterEncoding, ParameterName, ParameterValue, capabilities};
@@ -99,7 +98,7 @@ impl PreflightReport {
 }
 
 #[derive(Clone, Debug)]
-enum Phase {
+enum PreflightPhase {
     Waiting,
     Reading { since: Stamp<Companion> },
     Writing { since: Stamp<Companion>, read: Box<PreflightReport> },
@@ -135,7 +134,7 @@ pub struct Preflight {
     mavlink1: bool,
     parameters: Option<ParameterReading>,
     company: Company,
-    phase: Phase,
+    phase: PreflightPhase,
     /// Of one frame; kept for its memory.
     inputs: Vec<Input>,
 }
@@ -154,7 +153,7 @@ impl Preflight {
             mavlink1: false,
             parameters: None,
             company: Company::default(),
-            phase: Phase::Waiting,
+            phase: PreflightPhase::Waiting,
             inputs: Vec::new(),
         }
     }
@@ -172,35 +171,30 @@ impl Preflight {
     /// What it ended with, once it has.
     pub fn end(&self) -> Option<&PreflightEnd> {
         match &self.phase {
-            Phase::Ended(end) => Some(end),
+            PreflightPhase::Ended(end) => Some(end),
             _ => None,
         }
     }
 
     /// Takes note of a frame whose checksum was tested, received at `at` and read at `now`. Returns what to answer at once.
-    pub fn hear(
-        &mut self,
-        frame: &Frame<'_>,
-        at: Stamp<Companion>,
-        now: Stamp<Companion>,
-    ) -> Option<MavMessage> {
+    pub fn hear(&mut self, frame: &Frame<'_>, at: Stamp<Companion>, now: Stamp<Companion>) -> Reply {
         self.company.note(frame);
         let (sender, event) = self.session.hear(at, frame);
         if let Some(IdentityEvent::Found(vehicle)) = event {
             self.begin(&vehicle, at);
         }
-        let mut answer = None;
+        let mut reply = Reply::default();
         match sender {
             Sender::Autopilot => {
-                self.mavlink1 = frame.version() == mavlink::MavlinkVersion::V1;
+                self.mavlink1 = frame.is_mavlink1();
                 if let Some(parameters) = &mut self.parameters {
                     parameters.capabilities = capabilities(frame).or(parameters.capabilities);
                     parameters.dialogue.hear(frame);
                 }
-                answer = self.session.converse(frame, at, now, self.decoder.clock()).answer;
+                reply = self.session.converse(frame, at, now, self.decoder.clock());
             }
             Sender::SameSystem if from_any_component(frame.message_id()) => {}
-            _ => return None,
+            _ => return reply,
         }
         let mut inputs = std::mem::take(&mut self.inputs);
         self.decoder.decode(frame, &mut inputs);
@@ -212,7 +206,7 @@ impl Preflight {
             self.arrivals.note(&input, at);
         }
         self.inputs = inputs;
-        answer
+        reply
     }
 
     fn begin(&mut self, vehicle: &Vehicle, at: Stamp<Companion>) {
@@ -225,53 +219,53 @@ impl Preflight {
             }
         }
         self.parameters = Some(ParameterReading { dialogue, capabilities: None });
-        self.phase = Phase::Reading { since: at };
+        self.phase = PreflightPhase::Reading { since: at };
     }
 
     /// What is due now.
-    pub fn poll(&mut self, now: Stamp<Companion>) -> Vec<MavMessage> {
+    pub fn poll(&mut self, now: Stamp<Companion>) -> SessionPoll {
         if self.end().is_some() {
-            return Vec::new();
+            return SessionPoll::default();
         }
         if self.system.is_none() && self.company.vehicles.len() > 1 {
             let vehicles = self.company.vehicles.iter().copied().collect();
-            self.phase = Phase::Ended(PreflightEnd::Several(vehicles));
-            return Vec::new();
+            self.phase = PreflightPhase::Ended(PreflightEnd::Several(vehicles));
+            return SessionPoll::default();
         }
         self.advance(now);
-        let mut out = self.session.poll(now).messages;
+        let mut due = self.session.poll(now);
         if let Some(parameters) = &mut self.parameters {
-            out.extend(parameters.dialogue.poll(now));
+            due.messages.extend(parameters.dialogue.poll(now));
         }
-        out
+        due
     }
 
     fn advance(&mut self, now: Stamp<Companion>) {
         let asked = self.parameters.as_ref().is_none_or(|p| p.dialogue.done());
         match &self.phase {
-            Phase::Waiting if now >= self.give_up => {
+            PreflightPhase::Waiting if now >= self.give_up => {
                 let systems = self.company.systems.iter().copied().collect();
-                self.phase = Phase::Ended(PreflightEnd::NoAutopilot(systems));
+                self.phase = PreflightPhase::Ended(PreflightEnd::NoAutopilot(systems));
             }
-            Phase::Reading { since } => {
+            PreflightPhase::Reading { since } => {
                 let imu = self.arrivals.rates_hz(now)[SampleKind::Imu as usize] > 0.0;
                 let elapsed = now - *since;
                 if elapsed >= LONGEST || (elapsed >= LISTEN && asked && imu) {
                     self.read_out(now);
                 }
             }
-            Phase::Writing { since, read } if asked || now - *since >= LONGEST_WRITING => {
+            PreflightPhase::Writing { since, read } if asked || now - *since >= LONGEST_WRITING => {
                 let read = read.clone();
                 self.written(*read);
             }
-            Phase::Waiting | Phase::Writing { .. } | Phase::Ended(_) => {}
+            PreflightPhase::Waiting | PreflightPhase::Writing { .. } | PreflightPhase::Ended(_) => {}
         }
     }
 
     /// Everything was read: judges it, and goes on to set what mends it.
     fn read_out(&mut self, now: Stamp<Companion>) {
         let Some(&vehicle) = self.session.vehicle().filter(|_| self.session.is_heard()) else {
-            self.phase = Phase::Ended(PreflightEnd::FellSilent);
+            self.phase = PreflightPhase::Ended(PreflightEnd::FellSilent);
             return;
         };
         let (parameters, untold) = self.told();
@@ -297,9 +291,9 @@ impl Preflight {
             self.start_writing(&mut report);
         }
         self.phase = if report.written.is_empty() {
-            Phase::Ended(PreflightEnd::Read(Box::new(report)))
+            PreflightPhase::Ended(PreflightEnd::Read(Box::new(report)))
         } else {
-            Phase::Writing { since: now, read: Box::new(report) }
+            PreflightPhase::Writing { since: now, read: Box::new(report) }
         };
     }
 

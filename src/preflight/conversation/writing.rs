@@ -1,7 +1,7 @@
 //! Setting what mends the faults, and what became of it.
 
 use super::{
-    Finding, FindingGrade, Phase, Preflight, PreflightEnd, PreflightReport, WrittenParameter, judge,
+    Finding, FindingGrade, Preflight, PreflightEnd, PreflightPhase, PreflightReport, WrittenParameter, judge,
 };
 
 impl Preflight {
@@ -43,6 +43,6 @@ impl Preflight {
             }
         }
         report.findings = judge(&report.readings, &self.needs);
-        self.phase = Phase::Ended(PreflightEnd::Read(Box::new(report)));
+        self.phase = PreflightPhase::Ended(PreflightEnd::Read(Box::new(report)));
     }
 }

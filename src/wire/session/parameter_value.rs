@@ -148,24 +148,31 @@ impl ParameterEncoding {
     }
 
     fn encode(self, number: f64, kind: u8) -> Option<[u8; 4]> {
-        let integer = number.fract() == 0.0;
-        let fits = |low: f64, high: f64| (integer && (low..=high).contains(&number)).then_some(());
-        match kind {
-            1 => fits(0.0, f64::from(u8::MAX))?,
-            2 => fits(f64::from(i8::MIN), f64::from(i8::MAX))?,
-            3 => fits(0.0, f64::from(u16::MAX))?,
-            4 => fits(f64::from(i16::MIN), f64::from(i16::MAX))?,
-            5 => fits(0.0, f64::from(u32::MAX))?,
-            6 => fits(f64::from(i32::MIN), f64::from(i32::MAX))?,
-            9 if number.is_finite() => {}
-            _ => return None,
+        if kind == 9 {
+            return number.is_finite().then(|| (number as f32).to_le_bytes());
         }
-        Some(match (self, kind) {
+        let (low, high) = range(kind)?;
+        let fits = number.fract() == 0.0 && (low..=high).contains(&number);
+        fits.then(|| match self {
             // The low bytes of a longer integer are those of the shorter one.
-            (Self::Bytewise, 1..=6) => (number as i64 as u32).to_le_bytes(),
-            _ => (number as f32).to_le_bytes(),
+            Self::Bytewise => (number as i64 as u32).to_le_bytes(),
+            Self::Cast => (number as f32).to_le_bytes(),
         })
     }
+}
+
+/// What an integer of this `MAV_PARAM_TYPE` can hold.
+fn range(kind: u8) -> Option<(f64, f64)> {
+    let (low, high) = match kind {
+        1 => (0, i64::from(u8::MAX)),
+        2 => (i64::from(i8::MIN), i64::from(i8::MAX)),
+        3 => (0, i64::from(u16::MAX)),
+        4 => (i64::from(i16::MIN), i64::from(i16::MAX)),
+        5 => (0, i64::from(u32::MAX)),
+        6 => (i64::from(i32::MIN), i64::from(i32::MAX)),
+        _ => return None,
+    };
+    Some((low as f64, high as f64))
 }
 
 /// The capabilities that an AUTOPILOT_VERSION tells; `None` if the frame is none.

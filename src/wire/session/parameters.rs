@@ -143,28 +143,29 @@ impl ParameterDialogue {
     /// The questions to ask now.
     pub fn poll(&mut self, now: Stamp<Companion>) -> Vec<MavMessage> {
         let ParameterConfig { open, patience, attempts } = self.config;
-        let waiting =
-            |q: &ParameterQuestion| q.answer == ParameterAnswer::Open && q.due.is_some_and(|d| now < d);
-        let mut room = open.saturating_sub(self.questions.iter().filter(|q| waiting(q)).count());
-        let mut out = Vec::new();
-        let mut silent = false;
-        for question in &mut self.questions {
-            if question.answer != ParameterAnswer::Open || waiting(question) || room == 0 {
-                continue;
-            }
-            if question.asked >= attempts {
-                question.answer = ParameterAnswer::Unanswered;
-                silent = self.answered == 0;
-                continue;
-            }
-            question.asked += 1;
-            question.due = Some(now + patience);
-            room -= 1;
-            out.extend(question.message(self.autopilot));
+        let waiting = |q: &ParameterQuestion| q.due.is_some_and(|due| now < due);
+        let is_open = |q: &ParameterQuestion| q.answer == ParameterAnswer::Open;
+        let spent = |q: &ParameterQuestion| is_open(q) && !waiting(q) && q.asked >= attempts;
+        let mut given_up = false;
+        for question in self.questions.iter_mut().filter(|q| spent(q)) {
+            question.answer = ParameterAnswer::Unanswered;
+            given_up = true;
         }
-        if silent {
+        if given_up && self.answered == 0 {
             // It answers nothing at all: the others need not be tried.
             self.give_up();
+        }
+        let mut room =
+            open.saturating_sub(self.questions.iter().filter(|q| is_open(q) && waiting(q)).count());
+        let mut out = Vec::new();
+        for question in self.questions.iter_mut().filter(|q| is_open(q) && !waiting(q)) {
+            if room == 0 {
+                break;
+            }
+            room -= 1;
+            question.asked += 1;
+            question.due = Some(now + patience);
+            out.extend(question.message(self.autopilot));
         }
         out
     }
