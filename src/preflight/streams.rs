@@ -82,7 +82,7 @@ fn imu(case: &Case<'_>) -> Option<Finding> {
     let grade = if rate < LEAST_IMU_HZ { FindingGrade::Fault } else { FindingGrade::Advice };
     let example = match case.readings.vehicle.autopilot {
         _ if !case.needs.requests => Some("holdover run --set streams.request=true".to_owned()),
-        AutopilotKind::Px4 => Some("mavlink start -d /dev/ttyS2 -b 921600 -m onboard -r 80000".to_owned()),
+        AutopilotKind::Px4 => Some("param set MAV_1_MODE 2".to_owned()),
         AutopilotKind::ArduPilot if rate > 0.0 => {
             Some(format!("param set SCHED_LOOP_RATE {}", (wanted / 0.8).clamp(100.0, 400.0).round()))
         }

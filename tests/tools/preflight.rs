@@ -162,7 +162,7 @@ fn a_slow_link_is_measured_and_an_unknown_parameter_is_no_fault() {
     let round_trip = report["round_trip_ms"].as_f64().unwrap();
     assert!((120.0..180.0).contains(&round_trip), "{round_trip} ms");
     assert_eq!(report["unknown"], serde_json::json!(["EKF2_EV_QMIN"]));
-    assert_eq!(faults(&report), ["optical flow or airspeed", "EKF2_EV_DELAY"]);
+    assert_eq!(faults(&report), ["EKF2_EV_DELAY", "optical flow or airspeed"]);
     assert_eq!(report["after_a_loss"]["carried_by"], "inertia");
     let text = report["after_a_loss"]["text"].as_str().unwrap();
     assert!(text.contains("about 17 m after 15 s") && text.contains("Land"), "{text}");
