@@ -248,7 +248,7 @@ fn print(report: &PreflightReport, needs: &Needs) {
 
 fn print_finding(f: &Finding) {
     let value = f.value.as_ref().map_or("does not come".to_owned(), |v| format!("is {v}"));
-    let boot = if f.reboot { " (in effect at the next boot)" } else { "" };
+    let boot = if f.reboot { ", from the next boot on" } else { "" };
     outln!("  {} {value}, should be {}{boot}", f.subject, f.should);
     outln!("      {}", f.why);
     if let Some(example) = &f.example {
@@ -258,7 +258,7 @@ fn print_finding(f: &Finding) {
 
 fn print_written(w: &WrittenParameter) {
     let outcome = match (w.after, w.took, w.reboot) {
-        (_, true, true) => ", read back; in effect at the next boot".to_owned(),
+        (_, true, true) => ", read back; in effect from the next boot on".to_owned(),
         (_, true, false) => ", read back".to_owned(),
         (Some(after), false, _) => format!(": not kept, it is {}", plain(after)),
         (None, false, _) => ": not read back".to_owned(),

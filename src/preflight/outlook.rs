@@ -86,7 +86,7 @@ fn flow(readings: &Readings, needs: &Needs) -> String {
 
 fn inertia(readings: &Readings, needs: &Needs) -> Outlook {
     let drift_m = coasting_m(needs, AFTER_S);
-    let far = format!("about {drift_m:.0} m after {AFTER_S:.0} s, and the square of the time goes on");
+    let far = format!("about {drift_m:.0} m after {AFTER_S:.0} s, growing with the square of the time");
     let alone = match readings.vehicle.autopilot {
         AutopilotKind::Px4 => "PX4's own failsafe (Land 5 s after the loss) drifts less",
         _ if readings.airframe == Some(Airframe::FixedWing) => {

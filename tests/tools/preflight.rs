@@ -82,7 +82,7 @@ fn an_ardupilot_as_it_comes_is_told_what_it_lacks_and_nothing_is_changed() {
     for text in [
         "ArduPilot 4.7.0, system 1, disarmed, round trip",
         "optical flow",
-        "VISO_TYPE is 0, should be 1 (MAVLink) or 3 (in effect at the next boot)",
+        "VISO_TYPE is 0, should be 1 (MAVLink) or 3, from the next boot on",
         "param set VISO_TYPE 1",
         "EK3_SRC2_POSXY is 0, should be 6",
         "EK3_SRC2_YAW is 0, should be 1 or 6",
@@ -106,7 +106,7 @@ fn what_mends_the_faults_is_set_and_read_back() {
     let ran = preflight(&running, &[&["--write"], &always[..]].concat());
     assert_eq!(ran.code, Some(6), "it has to boot first: {ran:?}");
     for text in
-        ["VISO_TYPE 0 -> 1, read back; in effect at the next boot", "EK3_SRC2_POSXY 0 -> 6, read back"]
+        ["VISO_TYPE 0 -> 1, read back; in effect from the next boot on", "EK3_SRC2_POSXY 0 -> 6, read back"]
     {
         assert!(ran.out.contains(text), "no \"{text}\" in {}", ran.out);
     }
