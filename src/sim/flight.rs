@@ -279,7 +279,7 @@ impl Reading {
     }
 }
 
-fn flow_sample(time: AutopilotTime, f: &FlowReading) -> FlowSample {
+pub(super) fn flow_sample(time: AutopilotTime, f: &FlowReading) -> FlowSample {
     FlowSample {
         time,
         sensor: 0,
@@ -291,7 +291,7 @@ fn flow_sample(time: AutopilotTime, f: &FlowReading) -> FlowSample {
     }
 }
 
-fn gnss_sample(time: AutopilotTime, g: &GnssReading, frame: &LocalNed) -> GnssSample {
+pub(super) fn gnss_sample(time: AutopilotTime, g: &GnssReading, frame: &LocalNed) -> GnssSample {
     let velocity = g.velocity_ned;
     let ground = GroundVelocity {
         speed_mps: velocity.xy().norm(),

@@ -2,6 +2,7 @@
 //! examples: a [`Scenario`] is flown with a [`SensorSuite`] by a [`Simulation`].
 
 pub mod altimeter;
+pub mod autopilot;
 mod figures;
 pub mod flight;
 pub mod landmarks;

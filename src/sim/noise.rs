@@ -19,6 +19,9 @@ pub(super) enum Stream {
     Landmarks,
     LandmarkMotion,
     LandmarkStart,
+    OwnFilter,
+    Wind,
+    Link,
 }
 
 /// Random numbers of one sensor.
