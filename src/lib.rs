@@ -52,6 +52,7 @@ pub mod camera;
 pub mod cli;
 pub mod config;
 mod daemon;
+pub mod double;
 pub mod filter;
 pub mod geo;
 pub mod landmark;

@@ -3,6 +3,7 @@
 #[macro_use]
 mod output;
 
+mod autopilot;
 mod check;
 mod evaluate;
 mod inspect;
@@ -47,7 +48,7 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// What is in a log, and what Holdover can do with it
     Inspect(inspect::InspectArgs),
-    /// Write the log of a simulated flight, with the truth in it
+    /// Write the log of a simulated flight, with the truth in it, or be an autopilot in flight
     Simulate(simulate::SimulateArgs),
     /// Check the configuration and show what is in force
     Check(check::CheckArgs),

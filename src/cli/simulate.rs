@@ -1,4 +1,5 @@
-//! `holdover simulate`: the log of a simulated flight, with the truth in it, as an autopilot's telemetry would have it.
+//! `holdover simulate`: the log of a simulated flight, with the truth in it, as an autopilot's telemetry would have it; or, live, the
+//! autopilot itself ([`super::autopilot`]).
 
 use std::fs::OpenOptions;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
@@ -19,6 +20,7 @@ use crate::wire::session::identity::AutopilotKind;
 use crate::wire::tlog_writer::TlogWriter;
 
 use super::Failure;
+use super::autopilot::{self, AutopilotArgs};
 use super::markers::{CAMERA, MarkerArgs, sighting, to_toml};
 use super::replay::parse_interval;
 
@@ -29,6 +31,16 @@ pub enum ImuGrade {
     Tactical,
     /// 0.01 deg/s/sqrt(Hz), biases of some 0.5 deg/s that wander by 6 deg/h
     Mems,
+}
+
+impl ImuGrade {
+    /// The model of it.
+    pub(super) fn model(self) -> ImuModel {
+        match self {
+            ImuGrade::Tactical => ImuModel::tactical(),
+            ImuGrade::Mems => ImuModel::mems(),
+        }
+    }
 }
 
 /// Whose messages are written.
@@ -44,10 +56,11 @@ pub enum Dialect {
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
     /// What is flown: cessna, circles, legs, straight, square or patrol
-    pub scenario: String,
+    #[arg(required_unless_present = "autopilot")]
+    pub scenario: Option<String>,
     /// The log to write (.tlog)
-    #[arg(long, value_name = "FILE")]
-    pub out: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "autopilot")]
+    pub out: Option<PathBuf>,
     /// Errors are drawn from this; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -81,6 +94,9 @@ pub struct SimulateArgs {
     /// Overwrite the log if it is there
     #[arg(long)]
     pub force: bool,
+    /// Being an autopilot instead
+    #[command(flatten)]
+    pub double: AutopilotArgs,
 }
 
 /// Longest flight: a day.
@@ -114,7 +130,17 @@ fn parse_wind(text: &str) -> Result<(f64, f64), String> {
 /// # Errors
 /// [`Failure`].
 pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
-    let (scenario, suite) = plan(args)?;
+    if let Some(dialect) = args.double.autopilot {
+        return autopilot::run(args, dialect);
+    }
+    let (Some(name), Some(out)) = (&args.scenario, &args.out) else {
+        return Err(Failure::Usage("a scenario and --out are needed, or --autopilot".into()));
+    };
+    write_log(args, name, out)
+}
+
+fn write_log(args: &SimulateArgs, name: &str, out: &Path) -> Result<(), Failure> {
+    let (scenario, suite) = plan(args, name)?;
     let summary = scenario.summary();
     let (duration_s, outage) = (scenario.duration_s, scenario.outage_s);
     let camera = args.markers.camera(suite.imu.period_s)?;
@@ -122,8 +148,8 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let landmarks =
         field.as_ref().map(|field| (to_toml(field, &camera, &scenario.origin), field.markers.len()));
     let watch = field.map(|field| MarkerWatch::new(field, camera, args.seed));
-    let sink = create(&args.out, args.force)?;
-    let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", args.out.display()));
+    let sink = create(out, args.force)?;
+    let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", out.display()));
     let mut recorder = Recorder::new(Simulation::new(scenario, suite, args.seed), watch, args.dialect, sink);
     let bar = progress_bar(duration_s);
     while let Some(t_s) = recorder.step().map_err(named)? {
@@ -131,7 +157,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     }
     recorder.log.finish().map_err(named)?;
     bar.finish_and_clear();
-    let path = args.out.display();
+    let path = out.display();
     outln!("{path}: {summary}");
     outln!(
         "  {duration_s:.1} s, {} messages, {:.1} MB, seed {}",
@@ -141,7 +167,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     );
     let mut config = String::new();
     if let Some((toml, count)) = landmarks {
-        let beside = args.out.with_extension("landmarks.toml");
+        let beside = out.with_extension("landmarks.toml");
         create(&beside, args.force)?.write_all(toml.as_bytes()).map_err(named)?;
         outln!("  {}: {count} markers and the camera", beside.display());
         config = format!(" --config {}", beside.display());
@@ -155,10 +181,10 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
 }
 
 /// The scenario and the sensors that the arguments ask for.
-fn plan(args: &SimulateArgs) -> Result<(Scenario, SensorSuite), Failure> {
-    let mut scenario = Scenario::by_name(&args.scenario).ok_or_else(|| {
+fn plan(args: &SimulateArgs, name: &str) -> Result<(Scenario, SensorSuite), Failure> {
+    let mut scenario = Scenario::by_name(name).ok_or_else(|| {
         let known = Scenario::NAMES.join(", ");
-        Failure::Usage(format!("there is no scenario \"{}\"; there are: {known}", args.scenario))
+        Failure::Usage(format!("there is no scenario \"{name}\"; there are: {known}"))
     })?;
     if let Some(duration_s) = args.duration {
         if !(1.0..=LONGEST_S).contains(&duration_s) {
@@ -171,11 +197,7 @@ fn plan(args: &SimulateArgs) -> Result<(Scenario, SensorSuite), Failure> {
     if let Some((north, east)) = args.wind {
         scenario = scenario.with_wind(Vector3::new(north, east, 0.0));
     }
-    let imu = match args.imu {
-        ImuGrade::Tactical => ImuModel::tactical(),
-        ImuGrade::Mems => ImuModel::mems(),
-    };
-    let mut suite = SensorSuite::of(&scenario, imu);
+    let mut suite = SensorSuite::of(&scenario, args.imu.model());
     if let (Some((from_s, to_s)), Some(gnss)) = (args.lose_gnss, &mut suite.gnss) {
         gnss.outage = Some(GnssOutage { from_s, to_s, kind: OutageKind::NoFix });
     }

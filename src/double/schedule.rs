@@ -119,7 +119,9 @@ mod tests {
     use super::*;
 
     fn sent(schedule: &mut MessageSchedule, id: u32, step_us: i64, seconds: i64) -> usize {
-        (0..seconds * 1_000_000 / step_us).map(|k| schedule.due(k * step_us).filter(|&i| i == id).count()).sum()
+        (0..seconds * 1_000_000 / step_us)
+            .map(|k| schedule.due(k * step_us).filter(|&i| i == id).count())
+            .sum()
     }
 
     #[test]

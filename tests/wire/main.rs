@@ -7,5 +7,6 @@
 )]
 
 mod daemon;
+mod double;
 mod links;
 mod live;

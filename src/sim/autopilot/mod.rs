@@ -17,6 +17,7 @@ pub mod script;
 mod sensors;
 
 use nalgebra::Vector3;
+use strum::Display;
 
 use super::models::{GnssReading, ImuModel, OutageKind};
 use super::noise::{GaussMarkov, SensorRng, Stream};
@@ -132,21 +133,27 @@ pub enum FlightMode {
 }
 
 /// Something that the autopilot tells in words.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum VehicleNews {
     /// It armed.
     Armed,
     /// It disarmed.
     Disarmed,
     /// Arming was refused: external navigation is not healthy.
+    #[strum(to_string = "arming refused: VisOdom: not healthy")]
     ExternalNotHealthy,
     /// Arming was refused: no position.
+    #[strum(to_string = "arming refused: no position")]
     NoPosition,
     /// The origin was set.
+    #[strum(to_string = "origin set")]
     OriginSet,
     /// The position is lost: it lands.
+    #[strum(to_string = "failsafe: the position is lost, it lands")]
     Failsafe,
     /// The pilot selected this source set.
+    #[strum(to_string = "source set {0} selected")]
     SetSelected(u8),
 }
 
@@ -475,6 +482,18 @@ impl SimulatedAutopilot {
     /// Its origin on the globe, once it has one.
     pub fn origin(&self) -> Option<Geodetic> {
         self.own.origin.map(|(_, place)| place)
+    }
+
+    /// How far its estimate is from the truth, NED, m: where the estimate says to be, the vehicle flies off by the opposite. `None` before
+    /// there is an origin.
+    pub fn estimate_error(&self) -> Option<Vector3<f64>> {
+        let (origin_ned, _) = self.own.origin?;
+        Some(self.own.filter.position() + origin_ned - self.truth().position_ned)
+    }
+
+    /// Whether the receiver has lost its fix.
+    pub fn gnss_is_lost(&self) -> bool {
+        self.sensors.gnss_is_lost()
     }
 
     /// How its estimate is aided.

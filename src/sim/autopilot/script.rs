@@ -86,15 +86,15 @@ impl FlightScript {
         Self { legs: legs.into_iter().collect(), since_s: 0.0, begun: false, place }
     }
 
-    /// The flight that the documentation describes: wait on the ground, a square with GNSS, GNSS lost in a hover, `hold_s` of hover and a
-    /// square without it, GNSS again, and a landing. With `switches` the pilot selects source set 2 three seconds after the loss and
-    /// set 1 when GNSS has been back for ten.
-    pub fn outage(ground_s: f64, hold_s: f64, loss: OutageKind, switches: bool) -> Self {
+    /// The flight that the documentation describes: wait on the ground, a square with GNSS, GNSS lost in a hover (never without
+    /// `loss`), `hold_s` of hover and a square without it, GNSS again, and a landing. With `switches` the pilot selects source set 2
+    /// three seconds after the loss and set 1 when GNSS has been back for twelve.
+    pub fn outage(ground_s: f64, hold_s: f64, loss: Option<OutageKind>, switches: bool) -> Self {
         let side_m = 15.0;
-        let select = |set| switches.then_some(ScriptLeg::SelectSet(set));
+        let select = |set| (switches && loss.is_some()).then_some(ScriptLeg::SelectSet(set));
         let mut legs = vec![ScriptLeg::Wait(ground_s), ScriptLeg::Arm, ScriptLeg::TakeOff(12.0)];
         legs.extend(square(side_m));
-        legs.extend([ScriptLeg::Wait(5.0), ScriptLeg::Gnss(Some(loss)), ScriptLeg::Wait(3.0)]);
+        legs.extend([ScriptLeg::Wait(5.0), ScriptLeg::Gnss(loss), ScriptLeg::Wait(3.0)]);
         legs.extend(select(2));
         legs.push(ScriptLeg::Wait(hold_s));
         legs.extend(square(side_m));

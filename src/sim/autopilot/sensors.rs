@@ -88,6 +88,11 @@ impl VehicleSensors {
         self.loss = loss;
     }
 
+    /// Whether the receiver has no fix.
+    pub fn gnss_is_lost(&self) -> bool {
+        self.loss.is_some()
+    }
+
     /// Nothing was said since a reboot.
     pub fn forget(&mut self) {
         self.newest = NewestSamples::default();

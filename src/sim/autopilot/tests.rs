@@ -50,7 +50,7 @@ fn vehicle(rules: AidingRules, script: FlightScript, wind: f64) -> SimulatedAuto
 }
 
 fn outage(hold_s: f64) -> FlightScript {
-    FlightScript::outage(15.0, hold_s, OutageKind::NoFix, true)
+    FlightScript::outage(15.0, hold_s, Some(OutageKind::NoFix), true)
 }
 
 /// What a perfect companion sends: the truth in the vehicle's frame, off by so much.
@@ -137,7 +137,7 @@ fn with_gnss_both_fly_the_script_and_land_where_they_took_off() {
 #[test]
 fn alone_in_an_outage_each_lands_by_its_own_failsafe() {
     for (rules, earliest, latest) in [(ardupilot(0), 15.5, 16.5), (px4(0), 5.0, 6.0)] {
-        let script = FlightScript::outage(15.0, 60.0, OutageKind::NoFix, false);
+        let script = FlightScript::outage(15.0, 60.0, Some(OutageKind::NoFix), false);
         let mut vehicle = vehicle(rules, script, 5.0);
         let mut lost = None;
         for _ in 0..100_000 {
@@ -170,7 +170,7 @@ fn a_perfect_companion_carries_both_through_the_outage() {
 
 #[test]
 fn an_estimate_that_drifts_moves_the_vehicle() {
-    let script = || FlightScript::outage(15.0, 40.0, OutageKind::NoFix, true);
+    let script = || FlightScript::outage(15.0, 40.0, Some(OutageKind::NoFix), true);
     let moved = |drift_mps: f64| {
         let mut vehicle = vehicle(ardupilot(1), script(), 0.0);
         let began = std::cell::Cell::new(f64::NAN);

@@ -1,0 +1,179 @@
+//! The real daemon beside an autopilot's double, over loopback and many times as fast as in life: aligned, aided, GNSS lost, held, back.
+//! What is asserted is the double's truth and its own failsafe.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::live::process::Holdover;
+use holdover::double::manners::Manner;
+use holdover::double::{AutopilotDouble, DoublePort, DoubleReport, DoubleSettings};
+use holdover::sim::autopilot::FlightMode;
+use holdover::sim::autopilot::script::{FlightScript, ScriptLeg};
+use holdover::sim::models::OutageKind;
+use holdover::wire::frame::{Scan, scan};
+use holdover::wire::frame_bytes::FrameBytes;
+use holdover::wire::session::identity::AutopilotKind;
+use mavlink::dialects::ardupilotmega::MavMessage;
+use nalgebra::Vector3;
+use tokio::net::UdpSocket;
+use tokio::time::{Instant, sleep};
+
+/// How much faster than real time.
+const SPEED: f64 = 12.0;
+/// No flight takes longer than this, s of the simulation.
+const LONGEST_S: f64 = 400.0;
+/// The simulation is never further behind the clock than this, s of the simulation: a busy machine slows it down instead.
+const MOST_BEHIND_S: f64 = 0.1;
+
+/// A flight, when it is over.
+struct Flown {
+    report: DoubleReport,
+    mode: FlightMode,
+    /// What Holdover said to the pilot, and when.
+    words: Vec<(f64, String)>,
+}
+
+impl Flown {
+    fn said(&self, text: &str) -> Option<f64> {
+        self.words.iter().find(|(_, w)| w.contains(text)).map(|(t, _)| *t)
+    }
+}
+
+/// Up for a square of 12 m, a hover in which GNSS is lost, another square, GNSS again, and down.
+fn outage(hold_s: f64, switches: bool) -> FlightScript {
+    let square = || {
+        [(12.0, 0.0), (12.0, 12.0), (0.0, 12.0), (0.0, 0.0)].map(|(north_m, east_m)| ScriptLeg::FlyTo {
+            north_m,
+            east_m,
+            heading_rad: 0.6,
+        })
+    };
+    let select = |set| switches.then_some(ScriptLeg::SelectSet(set));
+    let mut legs = vec![ScriptLeg::Wait(25.0), ScriptLeg::Arm, ScriptLeg::TakeOff(10.0)];
+    legs.extend(square());
+    legs.extend([ScriptLeg::Wait(3.0), ScriptLeg::Gnss(Some(OutageKind::NoFix)), ScriptLeg::Wait(3.0)]);
+    legs.extend(select(2));
+    legs.push(ScriptLeg::Wait(hold_s));
+    legs.extend(square());
+    legs.extend([ScriptLeg::Gnss(None), ScriptLeg::Wait(14.0)]);
+    legs.extend(select(1));
+    legs.extend([ScriptLeg::Wait(5.0), ScriptLeg::Land]);
+    FlightScript::new(legs)
+}
+
+/// At such a speed answers to TIMESYNC tell the daemon of a clock that runs so many times too fast, which none does.
+fn settings(kind: AutopilotKind, script: FlightScript) -> DoubleSettings {
+    let settings = DoubleSettings::documented(kind, script);
+    let manners = settings.manners.clone().without(Manner::AnswersTimesync).without(Manner::AsksTimesync);
+    DoubleSettings { manners, wind_ned: Vector3::new(2.0, 1.5, 0.0), ..settings }
+}
+
+fn holdover(more: &[&str]) -> Holdover {
+    let config = format!("{}/config/copter.toml", env!("CARGO_MANIFEST_DIR"));
+    let arguments = ["--config", &config, "--endpoint", "udpin:127.0.0.1:0"];
+    Holdover::run(&[&arguments[..], more].concat())
+}
+
+/// Flies the double beside the daemon until it has landed.
+async fn fly(settings: DoubleSettings, daemon: &Holdover) -> Flown {
+    let mut double = AutopilotDouble::new(settings);
+    let socket = Arc::new(UdpSocket::bind("127.0.0.1:0").await.unwrap());
+    socket.connect(daemon.address()).await.unwrap();
+    let (mut words, mut out, mut buffer) = (Vec::new(), Vec::new(), vec![0; 2000]);
+    let mut began = Instant::now();
+    while !double.vehicle().is_done() {
+        let now_s = double.vehicle().now_s();
+        assert!(now_s < LONGEST_S, "it does not land: {:?}\n{}", double.report(), daemon.log());
+        while let Ok(n) = socket.try_recv(&mut buffer) {
+            let heard = hear(&mut double, &buffer[..n]);
+            words.extend(heard.into_iter().map(|w| (now_s, w)));
+        }
+        let due_s = began.elapsed().as_secs_f64() * SPEED;
+        if due_s - now_s > MOST_BEHIND_S {
+            began += Duration::from_secs_f64((due_s - now_s - MOST_BEHIND_S) / SPEED);
+        }
+        while double.vehicle().now_s() < due_s.min(now_s + MOST_BEHIND_S) {
+            double.step(&mut out);
+        }
+        for (port, bytes) in out.drain(..) {
+            assert_eq!(port, DoublePort::Main);
+            socket.send(&bytes).await.unwrap();
+        }
+        sleep(Duration::from_millis(1)).await;
+    }
+    Flown { report: double.report(), mode: double.vehicle().mode(), words }
+}
+
+/// Gives a datagram's frames to the double; returns what they say.
+fn hear(double: &mut AutopilotDouble, mut rest: &[u8]) -> Vec<String> {
+    let mut words = Vec::new();
+    while let Scan::Frame(frame) = scan(rest, true) {
+        if let Ok(MavMessage::STATUSTEXT(text)) = frame.parse() {
+            words.push(text.text.to_str().unwrap().to_owned());
+        }
+        double.hear(FrameBytes::new(frame.bytes()).unwrap());
+        rest = &rest[frame.len()..];
+    }
+    words
+}
+
+/// Aligned before it flew, holdover when GNSS went, joined when it came back; no failsafe, and near enough to the truth.
+fn held(flown: &Flown, daemon: &Holdover, bound_m: f64) {
+    let report = &flown.report;
+    let told = format!("{report:?}\n{:?}\n{}", flown.words, daemon.log());
+    assert_eq!((flown.mode, report.failsafe_s), (FlightMode::Landing, None), "{told}");
+    let lost_s = report.lost_s.expect("GNSS was never lost");
+    assert!(flown.said("Aligning -> Aided").is_some_and(|t| t < lost_s), "{told}");
+    assert!(flown.said("Aided -> Holdover").is_some_and(|t| (lost_s..lost_s + 4.0).contains(&t)), "{told}");
+    assert!(flown.said("Rejoining -> Aided").is_some_and(|t| t > report.back_s.unwrap()), "{told}");
+    assert!(report.fused > 500, "{told}");
+    assert!(report.drift_max_m < bound_m, "{told}");
+    println!("{:.2} m astray at most, {:.2} m in the end", report.drift_max_m, report.drift_end_m);
+}
+
+#[tokio::test]
+async fn beside_ardupilot_the_readme_holds_it_through_an_outage() {
+    let mut daemon = holdover(&["--set", "outbound.publish=always"]);
+    let flown = fly(settings(AutopilotKind::ArduPilot, outage(20.0, true)), &daemon).await;
+    held(&flown, &daemon, 6.0);
+    daemon.stop();
+}
+
+#[tokio::test]
+async fn beside_px4_the_readme_holds_it_through_an_outage() {
+    let mut daemon = holdover(&["--set", "outbound.publish=always"]);
+    let flown = fly(settings(AutopilotKind::Px4, outage(20.0, false)), &daemon).await;
+    held(&flown, &daemon, 6.0);
+    daemon.stop();
+}
+
+#[tokio::test]
+async fn a_companion_camera_carries_a_vehicle_that_has_no_flow_of_its_own() {
+    let mut daemon = holdover(&["--set", "outbound.publish=always"]);
+    let settings = DoubleSettings {
+        camera: Some(DoublePort::Main),
+        ..settings(AutopilotKind::ArduPilot, outage(15.0, true))
+    };
+    let flown = fly(settings, &daemon).await;
+    held(&flown, &daemon, 6.0);
+    assert!(flown.said("carried by optical flow").is_some(), "{:?}", flown.words);
+    daemon.stop();
+}
+
+#[tokio::test]
+async fn without_a_word_from_holdover_both_land_by_their_own_failsafes() {
+    for (kind, after) in [(AutopilotKind::Px4, 5.0..6.5), (AutopilotKind::ArduPilot, 15.5..17.0)] {
+        let mut daemon = holdover(&["--set", "outbound.publish=never"]);
+        let mut settings = settings(kind, outage(20.0, false));
+        if kind == AutopilotKind::ArduPilot {
+            // With it ArduPilot would not arm.
+            settings.parameters.set("VISO_TYPE", 0.0).unwrap();
+        }
+        let flown = fly(settings, &daemon).await;
+        let report = flown.report;
+        assert_eq!((flown.mode, report.external), (FlightMode::FailsafeLanding, 0), "{report:?}");
+        let acted = report.failsafe_s.unwrap() - report.lost_s.unwrap();
+        assert!(after.contains(&acted), "{acted} s after the loss");
+        daemon.stop();
+    }
+}
