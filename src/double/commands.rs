@@ -61,25 +61,7 @@ fn parameter_set(double: &mut AutopilotDouble, name: &str, value: f32) {
 }
 
 fn order(double: &mut AutopilotDouble, from: Address, order: Order) {
-    use apm::{MavCmd, MavResult};
-    let [first, second, ..] = order.param;
-    let accepted = |yes| if yes { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_DENIED };
-    let ardupilot = double.kind() == AutopilotKind::ArduPilot;
-    let result = match order.command {
-        MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => set_interval(double, first as u32, second as i64),
-        MavCmd::MAV_CMD_REQUEST_MESSAGE if first as u32 == apm::MESSAGE_INTERVAL_DATA::ID => {
-            tell_interval(double, second as u32)
-        }
-        MavCmd::MAV_CMD_REQUEST_MESSAGE => request(double, first as u32),
-        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if first > 0.5 => match double.vehicle.arm() {
-            Ok(()) => MavResult::MAV_RESULT_ACCEPTED,
-            Err(_) => MavResult::MAV_RESULT_FAILED,
-        },
-        MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN if first > 0.5 => accepted(double.vehicle.reboot()),
-        MavCmd::MAV_CMD_SET_EKF_SOURCE_SET if ardupilot => accepted(double.vehicle.select_set(first as u8)),
-        MavCmd::MAV_CMD_EXTERNAL_POSITION_ESTIMATE if ardupilot => external_position(double, &order),
-        _ => MavResult::MAV_RESULT_UNSUPPORTED,
-    };
+    let result = about_streams(double, &order).unwrap_or_else(|| about_the_vehicle(double, &order));
     double.say(Message::COMMAND_ACK(apm::COMMAND_ACK_DATA {
         command: order.command,
         result,
@@ -88,9 +70,37 @@ fn order(double: &mut AutopilotDouble, from: Address, order: Order) {
         target_system: from.system.0,
         target_component: from.component.0,
     }));
-    if order.command == MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN && result == MavResult::MAV_RESULT_ACCEPTED
-    {
+    let reboots = order.command == apm::MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN;
+    if reboots && result == apm::MavResult::MAV_RESULT_ACCEPTED {
         double.rebooted();
+    }
+}
+
+fn about_streams(double: &mut AutopilotDouble, order: &Order) -> Option<apm::MavResult> {
+    let [first, second, ..] = order.param;
+    match order.command {
+        apm::MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => Some(set_interval(double, first as u32, second as i64)),
+        apm::MavCmd::MAV_CMD_REQUEST_MESSAGE if first as u32 == apm::MESSAGE_INTERVAL_DATA::ID => {
+            Some(tell_interval(double, second as u32))
+        }
+        apm::MavCmd::MAV_CMD_REQUEST_MESSAGE => Some(request(double, first as u32)),
+        _ => None,
+    }
+}
+
+fn about_the_vehicle(double: &mut AutopilotDouble, order: &Order) -> apm::MavResult {
+    use apm::{MavCmd, MavResult};
+    let first = order.param[0];
+    let accepted = |yes| if yes { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_DENIED };
+    let ardupilot = double.kind() == AutopilotKind::ArduPilot;
+    match order.command {
+        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if first > 0.5 => {
+            double.vehicle.arm().map_or(MavResult::MAV_RESULT_FAILED, |()| MavResult::MAV_RESULT_ACCEPTED)
+        }
+        MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN if first > 0.5 => accepted(double.vehicle.reboot()),
+        MavCmd::MAV_CMD_SET_EKF_SOURCE_SET if ardupilot => accepted(double.vehicle.select_set(first as u8)),
+        MavCmd::MAV_CMD_EXTERNAL_POSITION_ESTIMATE if ardupilot => external_position(double, order),
+        _ => MavResult::MAV_RESULT_UNSUPPORTED,
     }
 }
 

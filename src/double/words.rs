@@ -33,29 +33,14 @@ impl Words {
 
     /// What the autopilot says of its news.
     pub fn news(&mut self, kind: AutopilotKind, news: VehicleNews) -> Vec<Message> {
-        use apm::MavSeverity as Severity;
-        let ardupilot = kind == AutopilotKind::ArduPilot;
-        let (severity, text) = match news {
-            VehicleNews::Armed if ardupilot => (Severity::MAV_SEVERITY_INFO, "Arming motors"),
-            VehicleNews::Armed => (Severity::MAV_SEVERITY_INFO, "Armed by external command"),
-            VehicleNews::Disarmed if ardupilot => (Severity::MAV_SEVERITY_INFO, "Disarming motors"),
-            VehicleNews::Disarmed => (Severity::MAV_SEVERITY_INFO, "Disarmed by landing"),
-            VehicleNews::ExternalNotHealthy => {
-                (Severity::MAV_SEVERITY_CRITICAL, "PreArm: VisOdom: not healthy")
+        let text = if kind == AutopilotKind::Px4 { px4(news) } else { ardupilot(news) };
+        let severity = match news {
+            VehicleNews::ExternalNotHealthy | VehicleNews::NoPosition | VehicleNews::Failsafe => {
+                apm::MavSeverity::MAV_SEVERITY_CRITICAL
             }
-            VehicleNews::NoPosition if ardupilot => {
-                (Severity::MAV_SEVERITY_CRITICAL, "PreArm: Need Position Estimate")
-            }
-            VehicleNews::NoPosition => (Severity::MAV_SEVERITY_CRITICAL, "Arming denied: no valid position"),
-            VehicleNews::OriginSet if ardupilot => (Severity::MAV_SEVERITY_INFO, "EKF3 IMU0 origin set"),
-            VehicleNews::Failsafe if ardupilot => {
-                (Severity::MAV_SEVERITY_CRITICAL, "EKF Failsafe: changed to LAND Mode")
-            }
-            VehicleNews::Failsafe => (Severity::MAV_SEVERITY_CRITICAL, "Failsafe activated"),
-            // No text tells of these.
-            VehicleNews::OriginSet | VehicleNews::SetSelected(_) => return Vec::new(),
+            _ => apm::MavSeverity::MAV_SEVERITY_INFO,
         };
-        self.say(severity, text)
+        text.map(|text| self.say(severity, text)).unwrap_or_default()
     }
 
     /// ArduPilot refuses a rate.
@@ -67,6 +52,30 @@ impl Words {
     /// ArduPilot does not have a message.
     pub fn no_such_message(&mut self, id: u32) -> Vec<Message> {
         self.say(apm::MavSeverity::MAV_SEVERITY_INFO, &format!("No ap_message for mavlink id ({id})"))
+    }
+}
+
+/// ArduPilot's words; no text tells of a source set.
+fn ardupilot(news: VehicleNews) -> Option<&'static str> {
+    match news {
+        VehicleNews::Armed => Some("Arming motors"),
+        VehicleNews::Disarmed => Some("Disarming motors"),
+        VehicleNews::ExternalNotHealthy => Some("PreArm: VisOdom: not healthy"),
+        VehicleNews::NoPosition => Some("PreArm: Need Position Estimate"),
+        VehicleNews::OriginSet => Some("EKF3 IMU0 origin set"),
+        VehicleNews::Failsafe => Some("EKF Failsafe: changed to LAND Mode"),
+        VehicleNews::SetSelected(_) => None,
+    }
+}
+
+/// PX4's words; it has events for the rest.
+fn px4(news: VehicleNews) -> Option<&'static str> {
+    match news {
+        VehicleNews::Armed => Some("Armed by external command"),
+        VehicleNews::Disarmed => Some("Disarmed by landing"),
+        VehicleNews::NoPosition => Some("Arming denied: no valid position"),
+        VehicleNews::Failsafe => Some("Failsafe activated"),
+        VehicleNews::ExternalNotHealthy | VehicleNews::OriginSet | VehicleNews::SetSelected(_) => None,
     }
 }
 

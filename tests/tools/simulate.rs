@@ -195,6 +195,26 @@ fn mistakes_are_named() {
         assert!(!path.exists(), "{arguments:?}");
     }
     holdover(&["simulate", "circles"]).fails(2, &["--out"]);
+    let double = |more: &[&str]| holdover(&[&["simulate", "--autopilot", "px4"], more].concat());
+    let to = "udpout:127.0.0.1:9";
+    double(&[]).fails(2, &["--endpoint"]);
+    double(&["--endpoint", "udpin:127.0.0.1:0"]).fails(2, &["udpout"]);
+    double(&["--endpoint", to, "--param", "VISO_TYPE=1"]).fails(2, &["VISO_TYPE"]);
+    double(&["--endpoint", to, "--with", "politeness"]).fails(2, &["repeated-flow"]);
+    double(&["--endpoint", to, "--speed", "0"]).fails(2, &["--speed"]);
+    double(&["--endpoint", to, "--out", "x.tlog"]).fails(2, &["--out"]);
+    holdover(&["simulate", "square", "--out", "x.tlog", "--hold", "5"]).fails(2, &["--autopilot"]);
+}
+
+#[test]
+fn an_autopilot_that_is_none_flies_as_fast_as_it_is_told() {
+    let arguments =
+        ["--autopilot", "ardupilot", "--endpoint", "udpout:127.0.0.1:9", "--camera", "--speed", "50"];
+    let report = holdover(&[&["simulate", "--duration", "40", "--json"], &arguments[..]].concat()).json();
+    assert!(report["lost_s"].is_null() && report["failsafe_s"].is_null(), "{report}");
+    assert_eq!(report["external"], 0);
+    let told = holdover(&[&["simulate", "--duration", "20"], &arguments[..]].concat());
+    assert!(told.out.contains("origin set") && told.out.contains("0 messages"), "{told:?}");
 }
 
 #[test]

@@ -160,20 +160,43 @@ async fn a_companion_camera_carries_a_vehicle_that_has_no_flow_of_its_own() {
     daemon.stop();
 }
 
-#[tokio::test]
-async fn without_a_word_from_holdover_both_land_by_their_own_failsafes() {
-    for (kind, after) in [(AutopilotKind::Px4, 5.0..6.5), (AutopilotKind::ArduPilot, 15.5..17.0)] {
-        let mut daemon = holdover(&["--set", "outbound.publish=never"]);
-        let mut settings = settings(kind, outage(20.0, false));
-        if kind == AutopilotKind::ArduPilot {
-            // With it ArduPilot would not arm.
-            settings.parameters.set("VISO_TYPE", 0.0).unwrap();
-        }
-        let flown = fly(settings, &daemon).await;
-        let report = flown.report;
-        assert_eq!((flown.mode, report.external), (FlightMode::FailsafeLanding, 0), "{report:?}");
-        let acted = report.failsafe_s.unwrap() - report.lost_s.unwrap();
-        assert!(after.contains(&acted), "{acted} s after the loss");
-        daemon.stop();
+/// A flight beside a Holdover that says nothing: which is what the others would be if it were of no use.
+async fn alone(kind: AutopilotKind, after_s: std::ops::Range<f64>) {
+    let mut daemon = holdover(&["--set", "outbound.publish=never"]);
+    let mut settings = settings(kind, outage(20.0, false));
+    if kind == AutopilotKind::ArduPilot {
+        // With it ArduPilot would not arm.
+        settings.parameters.set("VISO_TYPE", 0.0).unwrap();
     }
+    let flown = fly(settings, &daemon).await;
+    let report = flown.report;
+    assert_eq!((flown.mode, report.external), (FlightMode::FailsafeLanding, 0), "{report:?}");
+    let acted = report.failsafe_s.unwrap() - report.lost_s.unwrap();
+    assert!(after_s.contains(&acted), "{acted} s after the loss");
+    daemon.stop();
+}
+
+#[tokio::test]
+async fn without_a_word_from_holdover_px4_lands_by_its_own_failsafe() {
+    alone(AutopilotKind::Px4, 5.0..6.5).await;
+}
+
+#[tokio::test]
+async fn without_a_word_from_holdover_ardupilot_lands_by_its_own_failsafe() {
+    alone(AutopilotKind::ArduPilot, 15.5..17.0).await;
+}
+
+/// Beside an ArduPilot whose pilot never switches nothing that is sent helps.
+#[tokio::test]
+async fn who_is_not_switched_to_does_not_help() {
+    let mut daemon = holdover(&["--set", "outbound.publish=always"]);
+    let mut settings = settings(AutopilotKind::ArduPilot, outage(20.0, false));
+    // As an autopilot of old: no command of a companion switches it.
+    settings.parameters.set("EK3_SRC2_POSXY", 0.0).unwrap();
+    settings.parameters.set("EK3_SRC2_VELXY", 0.0).unwrap();
+    settings.parameters.set("EK3_SRC2_VELZ", 0.0).unwrap();
+    let flown = fly(settings, &daemon).await;
+    assert_eq!(flown.mode, FlightMode::FailsafeLanding, "{:?}", flown.report);
+    assert!(flown.report.external > 500 && flown.report.fused == 0, "{:?}", flown.report);
+    daemon.stop();
 }
