@@ -1,9 +1,10 @@
 //! What is systematically wrong with a flow velocity, learned while GNSS is there and used when it is gone.
 //!
 //! Fusini's b̂_v is the low-passed difference of the flow velocity and R̂ᵀvⁿ in body axes ((8) and the repaired (7)). A real sensor is
-//! also scaled (0.8 to 1.0) and turned; a wrong heading looks the same as a turned sensor, and cancels with it. So the model is
+//! also scaled (0.8 to 1.0) and turned; a wrong heading looks the same as a turned sensor, and cancels with it. And what an optical sensor
+//! is wrong by at rest is a rate of the image, b in rad/s, which is a velocity d·b at the distance d of the ground. So the model is
 //!
-//! v_m = (1 + s)·(I + μ [0 −1; 1 0])·v + b + noise,  x = [b_x, b_y, s, μ] constant,
+//! v_m = (1 + s)·(I + μ [0 −1; 1 0])·v + d·b + noise,  x = [b_x, b_y, s, μ] constant,
 //!
 //! and a Kalman filter for constants estimates x, with its covariance: what is not known well in the end (a vehicle that only
 //! hovered knows nothing of s) stays in the uncertainty of the dead reckoning. The noise is taken from the residuals themselves.
@@ -13,20 +14,20 @@ use nalgebra::{Matrix2, Matrix2x4, Matrix4, Vector2, Vector4};
 /// What is known of a sensor before it is flown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationSettings {
-    /// Standard deviation of the velocity bias, m/s.
-    pub bias_sigma_mps: f64,
+    /// Standard deviation of the bias, rad/s.
+    pub bias_sigma_radps: f64,
     /// Standard deviation of the scale error.
     pub scale_sigma: f64,
     /// Standard deviation of misalignment and heading error together, rad.
     pub misalignment_sigma_rad: f64,
-    /// Random walk of the bias, m/s/√s; keeps the filter awake.
+    /// Random walk of the bias, rad/s/√s; keeps the filter awake.
     pub bias_walk: f64,
     /// Random walk of scale and misalignment, 1/√s.
     pub scale_walk: f64,
     /// Largest scale error that a working sensor can have.
     pub max_scale_error: f64,
-    /// Largest velocity bias that a working sensor can have, m/s.
-    pub max_bias_mps: f64,
+    /// Largest bias that a working sensor can have, rad/s.
+    pub max_bias_radps: f64,
 }
 
 /// Why a flow sensor must not carry the vehicle.
@@ -65,8 +66,9 @@ pub struct FlowCalibration {
     /// Mean square velocity and mean square residual, m²/s², both over the last minute.
     signal: f64,
     residual: f64,
-    /// Mean velocity of late, body x and y, m/s.
+    /// Mean velocity of late, body x and y, m/s, and mean distance, m.
     mean: Vector2<f64>,
+    mean_distance: f64,
     compared_s: f64,
 }
 
@@ -84,7 +86,7 @@ impl FlowCalibration {
     pub fn new(settings: CalibrationSettings) -> Self {
         let s = &settings;
         let var =
-            [s.bias_sigma_mps, s.bias_sigma_mps, s.scale_sigma, s.misalignment_sigma_rad].map(|v| v * v);
+            [s.bias_sigma_radps, s.bias_sigma_radps, s.scale_sigma, s.misalignment_sigma_rad].map(|v| v * v);
         Self {
             settings,
             x: Vector4::zeros(),
@@ -93,22 +95,24 @@ impl FlowCalibration {
             signal: 0.0,
             residual: 0.0,
             mean: Vector2::zeros(),
+            mean_distance: 0.0,
             compared_s: 0.0,
         }
     }
 
-    /// The model's derivative by x at the velocity `v_xy` (body x and y, m/s).
-    pub fn jacobian(v_xy: &Vector2<f64>) -> Matrix2x4<f64> {
-        Matrix2x4::new(1.0, 0.0, v_xy.x, -v_xy.y, 0.0, 1.0, v_xy.y, v_xy.x)
+    /// The model's derivative by x at the velocity `v_xy` (body x and y, m/s) and the distance `distance_m` of the ground.
+    pub fn jacobian(v_xy: &Vector2<f64>, distance_m: f64) -> Matrix2x4<f64> {
+        Matrix2x4::new(distance_m, 0.0, v_xy.x, -v_xy.y, 0.0, distance_m, v_xy.y, v_xy.x)
     }
 
     /// Compares a flow velocity with the velocity that GNSS gives, both body x and y, m/s. `noise` is the covariance of the flow
-    /// velocity as the solve states it, `lasting` that of what is wrong with the comparison for some time (a heading that is not yet
+    /// velocity as the solve states it at `distance_m` from the ground, `lasting` that of what is wrong with the comparison for some time (a heading that is not yet
     /// known turns the GNSS velocity), `interval_s` the time since the last one. Returns the residual over its sigma.
     pub fn compare(
         &mut self,
         flow_xy: &Vector2<f64>,
         gnss_xy: &Vector2<f64>,
+        distance_m: f64,
         noise: &Matrix2<f64>,
         lasting: &Matrix2<f64>,
         interval_s: f64,
@@ -118,7 +122,7 @@ impl FlowCalibration {
         for (i, walk) in [s.bias_walk, s.bias_walk, s.scale_walk, s.scale_walk].into_iter().enumerate() {
             self.p[(i, i)] += walk * walk * dt;
         }
-        let h = Self::jacobian(gnss_xy);
+        let h = Self::jacobian(gnss_xy, distance_m);
         let residual = flow_xy - gnss_xy - h * self.x;
         let explained = noise + lasting + h * self.p * h.transpose();
         // An error that lasts is in many samples the same: together they tell no more than one.
@@ -135,6 +139,7 @@ impl FlowCalibration {
         let relative = (residual.norm_squared() / explained.trace().max(1e-12)).min(50.0);
         self.excess += forget * (relative - self.excess);
         self.mean += (gnss_xy - self.mean) * forget;
+        self.mean_distance += (distance_m - self.mean_distance) * forget;
         self.signal += forget * (gnss_xy.norm_squared() - self.signal);
         self.residual += forget * (residual.norm_squared() - noise.trace() - self.residual);
         if normalised > GATE {
@@ -147,10 +152,10 @@ impl FlowCalibration {
         normalised
     }
 
-    /// The vehicle's velocity from a flow velocity, body x and y, m/s: the model solved for v.
-    pub fn correct(&self, flow_xy: &Vector2<f64>) -> Vector2<f64> {
+    /// The vehicle's velocity from a flow velocity at `distance_m` from the ground, body x and y, m/s: the model solved for v.
+    pub fn correct(&self, flow_xy: &Vector2<f64>, distance_m: f64) -> Vector2<f64> {
         let (s, mu) = (self.x[2].max(-0.9), self.x[3]);
-        let v = (flow_xy - self.x.fixed_rows::<2>(0)) / (1.0 + s);
+        let v = (flow_xy - self.x.fixed_rows::<2>(0) * distance_m) / (1.0 + s);
         let norm = 1.0 + mu * mu;
         Vector2::new(v.x + mu * v.y, v.y - mu * v.x) / norm
     }
@@ -160,7 +165,7 @@ impl FlowCalibration {
         self.excess.max(1.0)
     }
 
-    /// The estimate [b_x m/s, b_y m/s, s, μ rad].
+    /// The estimate [b_x rad/s, b_y rad/s, s, μ rad].
     pub fn estimate(&self) -> &Vector4<f64> {
         &self.x
     }
@@ -185,10 +190,11 @@ impl FlowCalibration {
         }
         // At one speed all the time, bias and scale are two names of one error: what counts is what is wrong with the velocity flown. At
         // speed, less than that of a scale error which would be borne is no bias.
-        let h = Self::jacobian(&self.mean);
+        let h = Self::jacobian(&self.mean, self.mean_distance);
         let wrong = (h * self.x).norm();
         let sigma = (h * self.p * h.transpose()).trace().max(0.0).sqrt();
-        if wrong > s.max_bias_mps.max(s.max_scale_error * self.mean.norm()) + sigma {
+        let bearable = (s.max_bias_radps * self.mean_distance).max(s.max_scale_error * self.mean.norm());
+        if wrong > bearable + sigma {
             return Err(Distrust::Bias);
         }
         // Sensible only when there was motion to follow.
@@ -206,15 +212,17 @@ mod tests {
 
     fn settings() -> CalibrationSettings {
         CalibrationSettings {
-            bias_sigma_mps: 0.3,
+            bias_sigma_radps: 0.03,
             scale_sigma: 0.1,
             misalignment_sigma_rad: 0.1,
-            bias_walk: 0.001,
+            bias_walk: 0.0001,
             scale_walk: 0.0002,
             max_scale_error: 0.4,
-            max_bias_mps: 1.5,
+            max_bias_radps: 0.15,
         }
     }
+
+    const DISTANCE_M: f64 = 10.0;
 
     fn fly(seed: u64, truth: Vector4<f64>, speed: f64, sign: f64) -> FlowCalibration {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
@@ -223,15 +231,15 @@ mod tests {
             let a = f64::from(k) * 0.01;
             let v = Vector2::new(a.cos(), (0.7 * a).sin()) * speed;
             let noise = Vector2::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5));
-            let flow = (v + FlowCalibration::jacobian(&v) * truth) * sign + noise;
-            c.compare(&flow, &v, &(Matrix2::identity() / 12.0), &Matrix2::zeros(), 0.05);
+            let flow = (v + FlowCalibration::jacobian(&v, DISTANCE_M) * truth) * sign + noise;
+            c.compare(&flow, &v, DISTANCE_M, &(Matrix2::identity() / 12.0), &Matrix2::zeros(), 0.05);
         }
         c
     }
 
     #[test]
     fn bias_scale_and_misalignment_are_found_within_their_sigmas() {
-        let truth = Vector4::new(0.3, -0.2, -0.07, 0.05);
+        let truth = Vector4::new(0.03, -0.02, -0.07, 0.05);
         for seed in 0..10 {
             let c = fly(seed, truth, 5.0, 1.0);
             for i in 0..4 {
@@ -240,7 +248,7 @@ mod tests {
             }
             assert_eq!(c.trust(), Ok(()));
             let v = Vector2::new(4.0, -2.0);
-            let back = c.correct(&(v + FlowCalibration::jacobian(&v) * truth));
+            let back = c.correct(&(v + FlowCalibration::jacobian(&v, DISTANCE_M) * truth), DISTANCE_M);
             assert!((back - v).norm() < 0.15, "{back}");
         }
     }
@@ -252,13 +260,17 @@ mod tests {
         let turned = Vector2::new(27.0 * 0.1f64.cos(), 27.0 * 0.1f64.sin());
         let lasting = Matrix2::new(0.0, 0.0, 0.0, (27.0f64 * 0.1).powi(2));
         for _ in 0..100 {
-            c.compare(&v, &turned, &(Matrix2::identity() * 0.25), &lasting, 0.1);
+            c.compare(&v, &turned, DISTANCE_M, &(Matrix2::identity() * 0.25), &lasting, 0.1);
         }
-        assert!(c.estimate()[1].hypot(27.0 * c.estimate()[3]) < 27.0 * 0.1, "{}", c.estimate());
+        assert!(
+            (DISTANCE_M * c.estimate()[1]).hypot(27.0 * c.estimate()[3]) < 27.0 * 0.1,
+            "{}",
+            c.estimate()
+        );
         let sigma = Vector2::new(0.0, 1.0).dot(
-            &(FlowCalibration::jacobian(&v)
+            &(FlowCalibration::jacobian(&v, DISTANCE_M)
                 * c.covariance()
-                * FlowCalibration::jacobian(&v).transpose()
+                * FlowCalibration::jacobian(&v, DISTANCE_M).transpose()
                 * Vector2::new(0.0, 1.0)),
         );
         assert!(sigma.sqrt() > 1.0, "what is not known stays unknown: {sigma}");

@@ -48,6 +48,8 @@
 
 pub mod error_state;
 pub mod heading_bank;
+mod jitter;
 
 pub use error_state::{AirModel, Eskf, EskfSettings, EskfState};
 pub use heading_bank::{BankVerdict, HeadingBank, HeadingBankSettings, HeadingEstimate};
+pub use jitter::Jitter;

@@ -20,11 +20,13 @@ pub(super) enum Observation {
         velocity_error: Option<Vector2<f64>>,
         sigma: [f64; 2],
     },
-    /// A flow velocity of `measured`, body x and y, m/s: as the sensor tells it, and with its systematic errors taken out.
+    /// A flow velocity of `measured`, body x and y, m/s: as the sensor tells it at that distance of the ground, m, and with its systematic
+    /// errors taken out.
     Flow {
         measured: AutopilotTime,
         v_xy: Vector2<f64>,
         corrected_xy: Vector2<f64>,
+        distance_m: f64,
         r_body_to_ned: Matrix3<f64>,
         covariance: Matrix2<f64>,
     },

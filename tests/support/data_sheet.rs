@@ -7,11 +7,11 @@ const SENSORS: [&str; 14] = [
     // 0.5 m/s from 125 m are 0.004; the wander of the scale, 1 % over 250 m of path, counts as white noise of 3.7 m/s along the path and
     // none across it: this stands for both.
     "tuning.flow.rate_noise_radps=0.015",
-    "tuning.flow.bias_sigma_mps=0.5",
+    "tuning.flow.bias_sigma_radps=0.004",
     "tuning.flow.scale_sigma=0.03",
     "tuning.flow.misalignment_sigma_deg=1",
     "flow.max_height_m=1000",
-    "tuning.filter.flow_bias_walk=0.0001",
+    "tuning.filter.flow_bias_walk=0.000001",
     "tuning.filter.flow_scale_walk=0.0001",
     "tuning.filter.magnetic_bias_sigma_ut=2",
     "tuning.filter.magnetic_bias_walk_ut=0.001",

@@ -30,8 +30,8 @@ section! {
         wind_walk: f64 = 0.02 in 0.0 ..= 5.0 unit "m/s/√s" was "kalman.wind_walk";
         /// Scale error of the airspeed, 1 sigma.
         airspeed_scale_sigma: f64 = 0.05 in 0.0 ..= 1.0 unit "" was "kalman.airspeed_scale_sigma";
-        /// Random walk of the flow's velocity bias.
-        flow_bias_walk: f64 = 0.0005 in 0.0 ..= 10.0 unit "m/s/√s" was "kalman.flow_bias_walk";
+        /// Random walk of the flow's bias.
+        flow_bias_walk: f64 = 0.00002 in 0.0 ..= 0.1 unit "rad/s/√s" was "kalman.flow_bias_walk";
         /// Random walk of the flow's scale and misalignment.
         flow_scale_walk: f64 = 0.0002 in 0.0 ..= 1.0 unit "1/√s" was "kalman.flow_scale_walk";
         /// Innovations beyond this many sigmas are rejected.

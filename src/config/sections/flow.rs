@@ -52,20 +52,20 @@ section! {
         min_quality: f64 = 0.1 in 0.0 ..= 1.0 unit "" was "flow.min_quality";
         /// Noise of the flow rate of one sample.
         rate_noise_radps: f64 = 0.04 in 0.0001 ..= 10.0 was "flow.rate_noise_radps";
-        /// Velocity bias before it is compared with GNSS, 1 sigma.
-        bias_sigma_mps: f64 = 0.1 in 0.001 ..= 10.0 was "flow.bias_sigma_mps";
+        /// Bias, a rate of the image, before it is compared with GNSS, 1 sigma.
+        bias_sigma_radps: f64 = 0.0005 in 0.00001 ..= 1.0 was "flow.bias_sigma_mps", "tuning.flow.bias_sigma_mps";
         /// Scale error before it is compared with GNSS, 1 sigma.
         scale_sigma: f64 = 0.1 in 0.001 ..= 1.0 unit "" was "flow.scale_sigma";
         /// Misalignment and heading error together before it is compared with GNSS, 1 sigma.
         misalignment_sigma_deg: f64 = 5.0 in 0.01 ..= 90.0 was "flow.misalignment_sigma_deg";
         /// How fast the bias may change.
-        bias_walk: f64 = 0.001 in 0.0 ..= 1.0 unit "m/s/√s" was "flow.bias_walk";
+        bias_walk: f64 = 0.00002 in 0.0 ..= 0.1 unit "rad/s/√s" was "flow.bias_walk";
         /// How fast scale and misalignment may change.
         scale_walk: f64 = 0.0003 in 0.0 ..= 1.0 unit "1/√s" was "flow.scale_walk";
         /// A larger scale error is no working sensor.
         max_scale_error: f64 = 0.4 in 0.01 ..= 2.0 unit "" was "flow.max_scale_error";
-        /// A larger velocity bias is no working sensor.
-        max_bias_mps: f64 = 1.5 in 0.01 ..= 50.0 was "flow.max_bias_mps";
+        /// A larger bias is no working sensor.
+        max_bias_radps: f64 = 0.1 in 0.001 ..= 5.0 was "flow.max_bias_mps", "tuning.flow.max_bias_mps";
     }
 }
 
@@ -92,13 +92,13 @@ impl FlowKeys {
             mount: self.mount(cameras, complain),
             patches: self.patch_table(complain),
             calibration: CalibrationSettings {
-                bias_sigma_mps: tuning.bias_sigma_mps,
+                bias_sigma_radps: tuning.bias_sigma_radps,
                 scale_sigma: tuning.scale_sigma,
                 misalignment_sigma_rad: tuning.misalignment_sigma_deg.to_radians(),
                 bias_walk: tuning.bias_walk,
                 scale_walk: tuning.scale_walk,
                 max_scale_error: tuning.max_scale_error,
-                max_bias_mps: tuning.max_bias_mps,
+                max_bias_radps: tuning.max_bias_radps,
             },
         }
     }

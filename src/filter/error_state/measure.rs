@@ -1,6 +1,6 @@
 //! What is measured, as scalars with their rows.
 
-use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3, Vector4};
 
 use super::covariance::SparseRow;
 use super::tuning::MIN_AIRSPEED;
@@ -21,6 +21,17 @@ pub struct Lag {
 impl Lag {
     /// A measurement of the present.
     pub const NONE: Lag = Lag { seconds: 0.0, impulse_ned: Vector3::new(0.0, 0.0, 0.0) };
+}
+
+/// A flow velocity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenFlow {
+    /// Body x and y, m/s.
+    pub v_xy: Vector2<f64>,
+    /// Distance of the ground along the optical axis, m: what the sensor's bias, a rate, is multiplied with.
+    pub distance_m: f64,
+    /// Of the velocity, m²/s².
+    pub covariance: Matrix2<f64>,
 }
 
 impl Eskf {
@@ -100,21 +111,21 @@ impl Eskf {
         Ok(nis)
     }
 
-    /// A flow velocity, body x and y, m/s: (1 + s)(I + μJ) v_xy + b, with the velocity and the attitude of its time.
+    /// A flow velocity: (1 + s)(I + μJ) v_xy + d·b, with the velocity and the attitude of its time.
     ///
     /// # Errors
     /// [`Gated`]: then neither component is used.
     pub fn fuse_flow(
         &mut self,
-        flow_xy: &Vector2<f64>,
+        seen: &SeenFlow,
         velocity_ned: &Vector3<f64>,
         r_body_to_ned: &Matrix3<f64>,
-        covariance: &Matrix2<f64>,
         lag: &Lag,
     ) -> Result<[Correction; 2], Gated> {
+        let SeenFlow { v_xy, distance_m, covariance } = seen;
         let v_body = r_body_to_ned.tr_mul(velocity_ned);
-        let innovation = flow_xy - flow_model(&self.state.flow, &v_body);
-        let rows = flow_rows(&self.state, &v_body, r_body_to_ned, lag);
+        let innovation = v_xy - flow_model(&self.state.flow, &v_body, *distance_m);
+        let rows = flow_rows(&self.state, &v_body, *distance_m, r_body_to_ned, lag);
         for i in 0..2 {
             self.gate(&rows[i], innovation[i], covariance[(i, i)])?;
         }
@@ -292,12 +303,12 @@ pub(super) fn magnetic_row(field_body: &Vector3<f64>, axis: usize) -> SparseRow 
     SparseRow::unit(BM + axis).with3(THETA, &(hat(field_body).row(axis) * MICRO))
 }
 
-/// What the flow sensor shows of a body velocity: (1 + s)(I + μJ) v_xy + b, to first order (1 + s) I + μJ.
-pub(super) fn flow_model(flow: &SVector<f64, 4>, v_body: &Vector3<f64>) -> Vector2<f64> {
-    flow_scale(flow) * v_body.xy() + flow.fixed_rows::<2>(0)
+/// What the flow sensor shows of a body velocity at a distance of the ground: (1 + s)(I + μJ) v_xy + d·b, to first order (1 + s) I + μJ.
+pub(super) fn flow_model(flow: &Vector4<f64>, v_body: &Vector3<f64>, distance_m: f64) -> Vector2<f64> {
+    flow_scale(flow) * v_body.xy() + flow.fixed_rows::<2>(0) * distance_m
 }
 
-fn flow_scale(flow: &SVector<f64, 4>) -> Matrix2<f64> {
+fn flow_scale(flow: &Vector4<f64>) -> Matrix2<f64> {
     Matrix2::new(1.0 + flow[2], -flow[3], flow[3], 1.0 + flow[2])
 }
 
@@ -306,6 +317,7 @@ fn flow_scale(flow: &SVector<f64, 4>) -> Matrix2<f64> {
 pub(super) fn flow_rows(
     state: &EskfState,
     v_body: &Vector3<f64>,
+    distance_m: f64,
     r_then: &Matrix3<f64>,
     lag: &Lag,
 ) -> [SparseRow; 2] {
@@ -313,7 +325,7 @@ pub(super) fn flow_rows(
     let r_now = &state.r_body_to_ned;
     let by_velocity = scale * r_then.transpose().fixed_rows::<2>(0);
     let by_attitude = scale * hat(v_body).fixed_rows::<2>(0);
-    let by_flow = FlowCalibration::jacobian(&v_body.xy());
+    let by_flow = FlowCalibration::jacobian(&v_body.xy(), distance_m);
     let late = lag.seconds > 0.0;
     let turned = if late { by_attitude * r_then.transpose() * r_now } else { by_attitude };
     let by_theta = if late { turned + by_velocity * hat(&lag.impulse_ned) * r_now } else { turned };

@@ -23,7 +23,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use crate::geo::polar_rotation;
 use crate::geo::so3::exp;
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
-pub use measure::Lag;
+pub use measure::{Lag, SeenFlow};
 use tuning::{COVARIANCE_STEP_S, REORTHONORMALISE};
 
 /// Size of the error state.
@@ -66,7 +66,7 @@ pub struct EskfSettings {
     pub magnetic_bias_walk: f64,
     /// Standard deviation of the magnetometer bias at the start, T.
     pub magnetic_bias_sigma: f64,
-    /// Random walk of the flow's velocity bias, m/s/√s.
+    /// Random walk of the flow's bias, rad/s/√s.
     pub flow_bias_walk: f64,
     /// Random walk of the flow's scale and misalignment, 1/√s.
     pub flow_scale_walk: f64,
@@ -102,7 +102,7 @@ pub struct EskfState {
     pub gyro_bias: Vector3<f64>,
     /// Accelerometer bias, body, m/s².
     pub accel_bias: Vector3<f64>,
-    /// Flow [b_x m/s, b_y m/s, s, μ rad].
+    /// Flow [b_x rad/s, b_y rad/s, s, μ rad].
     pub flow: SVector<f64, 4>,
     /// Magnetometer bias, body, T.
     pub magnetic_bias: Vector3<f64>,
@@ -278,6 +278,11 @@ impl Eskf {
             self.decorrelate(P + axis, sigma_m);
             self.state.position_ned[axis] = position_ne[axis];
         }
+    }
+
+    /// Noise density of the gyros from now on, rad/s/√Hz.
+    pub fn set_gyro_noise(&mut self, density: f64) {
+        self.settings.gyro_noise = density;
     }
 
     fn decorrelate(&mut self, index: usize, sigma: f64) {

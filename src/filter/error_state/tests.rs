@@ -102,6 +102,9 @@ fn the_covariance_moves_as_the_error_does() {
     }
 }
 
+/// Of the ground, in tests.
+const DISTANCE_M: f64 = 3.0;
+
 fn rows_match(row: &covariance::SparseRow, expected: impl Fn(&EskfState) -> f64, tolerance: f64) {
     let eps = 1e-6;
     let base = expected(&state());
@@ -118,9 +121,9 @@ fn measurement_rows_are_the_derivatives() {
     let field = Vector3::new(2e-5, 1e-6, 4.5e-5);
     let s = state();
     let seen = |s: &EskfState| s.r_body_to_ned.tr_mul(&s.velocity_ned);
-    let rows = flow_rows(&s, &seen(&s), &s.r_body_to_ned, &Lag::NONE);
+    let rows = flow_rows(&s, &seen(&s), DISTANCE_M, &s.r_body_to_ned, &Lag::NONE);
     for (i, row) in rows.iter().enumerate() {
-        rows_match(row, |s| flow_model(&s.flow, &seen(s))[i], 1e-4);
+        rows_match(row, |s| flow_model(&s.flow, &seen(s), DISTANCE_M)[i], 1e-4);
     }
     for axis in 0..3 {
         let row = magnetic_row(&s.r_body_to_ned.tr_mul(&field), axis);
@@ -147,12 +150,13 @@ fn late_rows_relate_the_past_to_the_present() {
     let lag_s = dt * f64::from(n);
     let lag = Lag { seconds: lag_s, impulse_ned: now.velocity_ned - state().velocity_ned - GRAVITY * lag_s };
     let seen = |s: &EskfState| s.r_body_to_ned.tr_mul(&s.velocity_ned);
-    let rows = flow_rows(&now, &seen(&state()), &state().r_body_to_ned, &lag);
+    let rows = flow_rows(&now, &seen(&state()), DISTANCE_M, &state().r_body_to_ned, &lag);
     // Attitude, position, velocity and flow errors of then; the biases' part is of second order.
     for index in (THETA..BG).chain(FLOW..FLOW + 4) {
         let then = perturbed(&state(), index, eps);
         let error_now = difference(&now, &run(&then)) / eps;
-        let flow = (flow_model(&then.flow, &seen(&then)) - flow_model(&state().flow, &seen(&state()))) / eps;
+        let shown = |s: &EskfState| flow_model(&s.flow, &seen(s), DISTANCE_M);
+        let flow = (shown(&then) - shown(&state())) / eps;
         for i in 0..2 {
             assert!((rows[i].dot(&error_now) - flow[i]).abs() < 0.02, "flow {i} by {index}");
         }
@@ -194,8 +198,9 @@ fn the_covariance_stays_symmetric_and_positive() {
             let body = f.state().expected_magnetic(&field);
             let _ = f.fuse_magnetic(&body, &field, 1e-6);
             let (v, r) = (f.state().velocity_ned, f.state().r_body_to_ned);
-            let xy = flow_model(&f.state().flow, &r.tr_mul(&v));
-            let _ = f.fuse_flow(&xy, &v, &r, &(Matrix2::identity() * 0.25), &Lag::NONE);
+            let v_xy = flow_model(&f.state().flow, &r.tr_mul(&v), DISTANCE_M);
+            let seen = SeenFlow { v_xy, distance_m: DISTANCE_M, covariance: Matrix2::identity() * 0.25 };
+            let _ = f.fuse_flow(&seen, &v, &r, &Lag::NONE);
             let expected = f.state().airspeed_row().map_or(0.0, |a| a.0);
             let _ = f.fuse_airspeed(expected + 0.1, 1.0);
             let _ = f.fuse_sideslip(0.1);
@@ -223,7 +228,8 @@ fn an_outlier_is_gated_and_changes_nothing() {
     assert!(f.fuse_position(0, f64::NAN, 1.0, &now).is_err());
     let flow = Vector2::new(500.0, 0.0);
     let (v, r) = (before.velocity_ned, before.r_body_to_ned);
-    assert!(f.fuse_flow(&flow, &v, &r, &Matrix2::identity(), &now).is_err());
+    let seen = SeenFlow { v_xy: flow, distance_m: DISTANCE_M, covariance: Matrix2::identity() };
+    assert!(f.fuse_flow(&seen, &v, &r, &now).is_err());
     assert!(f.fuse_airspeed(200.0, 1.0).is_err());
     assert!(f.fuse_airspeed(f64::NAN, 1.0).is_err());
     let mut far = before.r_body_to_ned.tr_mul(&Vector3::new(2e-5, 1e-6, 4.5e-5));

@@ -16,7 +16,6 @@
 //! is extrapolated over the rest when it is asked for. Nothing is allocated after construction. Core code: no clock, no chance.
 
 mod hypothesis;
-mod jitter;
 mod mixture;
 mod tuning;
 
@@ -25,10 +24,10 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
+use super::jitter::Jitter;
 use crate::geo::{polar_rotation, so3};
 use crate::time::{AutopilotTime, Span};
 use hypothesis::{Hypothesis, HypothesisSigma};
-use jitter::Jitter;
 use mixture::{Moments, mean_velocity, normalise};
 use tuning::{
     AHEAD_S, CORRELATION_S, COVARIANCE_STEP_S, DOUBTFUL_NIS, GATE_NIS, HYPOTHESES, LEAST_FORCE,
@@ -73,10 +72,6 @@ pub struct HeadingEstimate {
     pub velocity_sigma: f64,
     /// Standard deviation of the gyro bias, the worst axis, rad/s.
     pub gyro_bias_sigma: f64,
-    /// Noise density that the vibration of the last seconds makes in the gyros, rad/s/√Hz.
-    pub gyro_vibration: f64,
-    /// The same of the accelerometers, m/s²/√Hz.
-    pub accel_vibration: f64,
 }
 
 /// What became of a velocity.
@@ -264,8 +259,6 @@ impl HeadingBank {
             tilt_sigma,
             velocity_sigma: worst(m.velocity.diagonal().as_slice()),
             gyro_bias_sigma: worst(m.bias.diagonal().as_slice()),
-            gyro_vibration: self.jitter.density.0.sqrt(),
-            accel_vibration: self.jitter.density.1.sqrt(),
         })
     }
 

@@ -4,7 +4,8 @@
 use nalgebra::{Matrix4, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
-use crate::filter::error_state::{AirModel, Eskf, EskfSettings, EskfState, Lag, StartSigma};
+use crate::filter::Jitter;
+use crate::filter::error_state::{AirModel, Eskf, EskfSettings, EskfState, Lag, SeenFlow, StartSigma};
 use crate::geo::so3;
 use crate::observer::ObserverState;
 use crate::sample::ImuSample;
@@ -28,21 +29,12 @@ pub(super) struct StartSigmas {
     pub(super) yaw: f64,
     pub(super) velocity: f64,
     pub(super) gyro_bias: f64,
-    /// Noise densities that the gyros (rad/s/√Hz) and accelerometers (m/s²/√Hz) are known to have at least.
-    pub(super) gyro_noise: f64,
-    pub(super) accel_noise: f64,
 }
 
 impl StartSigmas {
     /// Of an observer that has found the attitude.
-    pub(super) const OBSERVED: Self = Self {
-        tilt: START_TILT,
-        yaw: START_YAW,
-        velocity: START_VELOCITY,
-        gyro_bias: START_GYRO_BIAS,
-        gyro_noise: 0.0,
-        accel_noise: 0.0,
-    };
+    pub(super) const OBSERVED: Self =
+        Self { tilt: START_TILT, yaw: START_YAW, velocity: START_VELOCITY, gyro_bias: START_GYRO_BIAS };
 }
 
 /// What a filter starts from besides the observer's state.
@@ -74,6 +66,8 @@ impl StartPoint<'_> {
 #[derive(Clone, Debug)]
 pub(super) struct ErrorStateStage {
     filter: Eskf,
+    /// Of gyros that do not shake, rad/s/√Hz.
+    configured_gyro_noise: f64,
     magnetic_due: AutopilotTime,
     height_due: AutopilotTime,
     pub(super) watch: Watch,
@@ -93,9 +87,7 @@ impl ErrorStateStage {
             drag: from.settings.drag.coefficient,
             ..EskfState::moving(r, position_ned, observed.velocity_ned, observed.gyro_bias)
         };
-        let (mut settings, flow) = filter_settings(from.settings);
-        settings.gyro_noise = settings.gyro_noise.max(known.gyro_noise);
-        settings.accel_noise = settings.accel_noise.max(known.accel_noise);
+        let (settings, flow) = filter_settings(from.settings);
         let sigma = StartSigma {
             // Yaw stands on NED's z axis; body axes take their share of it.
             attitude_body: r.tr_mul(&Vector3::new(known.tilt, known.tilt, known.yaw)).abs(),
@@ -107,6 +99,7 @@ impl ErrorStateStage {
         };
         Some(Self {
             filter: Eskf::new(settings, start, &sigma),
+            configured_gyro_noise: settings.gyro_noise,
             magnetic_due: now,
             height_due: now,
             watch: Watch::default(),
@@ -119,6 +112,12 @@ impl ErrorStateStage {
 
     pub(super) fn filter_mut(&mut self) -> &mut Eskf {
         &mut self.filter
+    }
+
+    /// The gyros shake so much: what is white in their samples is noise, and never less than configured. (Not so for the accelerometers: air
+    /// is rough, and what it does to the specific force is motion, measured as such.)
+    pub(super) fn feel_vibration(&mut self, jitter: &Jitter) {
+        self.filter.set_gyro_noise(self.configured_gyro_noise.max(jitter.gyro_density()));
     }
 
     /// One IMU sample, and the height when it is due. `None` when the estimate is not finite any more.
@@ -219,12 +218,13 @@ impl ErrorStateStage {
                     result.map(|r| fused.note(kind, r));
                 }
             }
-            Observation::Flow { measured, v_xy, r_body_to_ned, covariance, .. } => {
+            Observation::Flow { measured, v_xy, distance_m, r_body_to_ned, covariance, .. } => {
                 let state = self.filter.state();
                 let present = (state.position_ned, state.velocity_ned);
                 let (_, velocity) = timeline.motion(*measured).unwrap_or(present);
                 let lag = self.lag(now, *measured, &velocity, environment);
-                let result = self.filter.fuse_flow(v_xy, &velocity, r_body_to_ned, covariance, &lag);
+                let seen = SeenFlow { v_xy: *v_xy, distance_m: *distance_m, covariance: *covariance };
+                let result = self.filter.fuse_flow(&seen, &velocity, r_body_to_ned, &lag);
                 fused.note_all(Measured::Flow, result);
             }
             Observation::Airspeed { speed_mps, sigma_mps, sideslip_sigma_rad } => {

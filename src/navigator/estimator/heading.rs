@@ -72,8 +72,6 @@ pub(super) fn start_sigmas(e: &HeadingEstimate) -> StartSigmas {
         yaw: e.heading_sigma.max(LEAST_YAW),
         velocity: e.velocity_sigma.max(START_VELOCITY),
         gyro_bias: e.gyro_bias_sigma,
-        gyro_noise: e.gyro_vibration,
-        accel_noise: e.accel_vibration,
     }
 }
 

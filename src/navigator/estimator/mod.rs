@@ -14,8 +14,8 @@ mod step;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::filter::HeadingEstimate;
 use crate::filter::error_state::EskfState;
+use crate::filter::{HeadingEstimate, Jitter};
 use crate::observer::{Innovation, ObserverState};
 use crate::sample::ImuSample;
 use crate::time::AutopilotTime;
@@ -55,6 +55,8 @@ pub(super) struct EstimatorStack {
     observer: ObserverStage,
     stage: Stage,
     heading: HeadingSearch,
+    /// How much the IMU shakes.
+    jitter: Jitter,
 }
 
 impl EstimatorStack {
@@ -64,7 +66,12 @@ impl EstimatorStack {
             Kind::Xkf => Stage::Exogenous(None),
             Kind::Nlo | Kind::NloPrinted => Stage::Observer,
         };
-        Self { observer: ObserverStage::new(settings), stage, heading: HeadingSearch::default() }
+        Self {
+            observer: ObserverStage::new(settings),
+            stage,
+            heading: HeadingSearch::default(),
+            jitter: Jitter::default(),
+        }
     }
 
     pub(super) fn observer(&self) -> &ObserverStage {
@@ -174,6 +181,11 @@ impl EstimatorStack {
         facts: &SourceFacts,
         r_body_to_ned: &Matrix3<f64>,
     ) -> Option<StepOutcome> {
+        let (rate, force) = (s.angular_rate.raw(), s.specific_force.raw());
+        self.jitter.add(dt, &rate, &force, input.settings.imu.instantaneous);
+        if let Stage::ErrorState(Some(stage)) = &mut self.stage {
+            stage.feel_vibration(&self.jitter);
+        }
         let report = self.observer.step(s, dt, input)?;
         let observed = *self.observer.state()?;
         let mut fused = Fused::nothing();

@@ -57,6 +57,10 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const RELOCK_S: f64 = 1.0;
     /// No camera sees the ground move faster, rad/s.
     pub(in crate::navigator) const FASTEST_RADPS: f64 = 100.0;
+    /// A sensor's own gyro is compared with the vehicle's over this long, s: its bias follows the temperature.
+    pub(in crate::navigator) const GYRO_OFFSET_S: f64 = 60.0;
+    /// How well the vehicle's own gyro bias is known, rad/s, 1 sigma.
+    pub(in crate::navigator) const GYRO_OFFSET_SIGMA: f64 = 0.003;
     /// A flow that tells the same for this long is stuck, s.
     pub(in crate::navigator) const STUCK_S: f64 = 0.3;
     /// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.

@@ -17,7 +17,7 @@ use crate::time::AutopilotTime;
 use super::super::super::context::Context;
 use super::super::super::settings::FlowSettings;
 use super::super::super::verdict::{Reason, Verdict};
-use super::measure::{FlowDistance, MeasuredFlow, distance, moment};
+use super::measure::{FlowCorrection, FlowDistance, MeasuredFlow, distance, gyro_offset, moment};
 use crate::navigator::tuning::flow_image::{MAX_DILUTION, TOGETHER, WAIT};
 use crate::navigator::tuning::flow_measure::{CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M};
 
@@ -115,12 +115,12 @@ impl ImageAssembly {
         &self,
         stamp: AutopilotTime,
         interval_s: f64,
-        delay_s: f64,
+        correction: &FlowCorrection,
         context: &Context<'_>,
     ) -> Result<MeasuredFlow, Reason> {
         let (settings, samples) = (&context.core.settings.flow, &self.samples);
         let first = samples.first().ok_or(Reason::NotUsed)?;
-        let moment = moment(stamp, first.interval, delay_s, context)?;
+        let moment = moment(stamp, first.interval, correction.delay_s, context)?;
         let (r, mount) = (moment.r_body_to_ned, &settings.mount);
         let cosine = mount.cos_tilt(&r);
         let with_distance = samples.iter().find(|s| s.distance_m.is_some()).unwrap_or(first);
@@ -129,7 +129,7 @@ impl ImageAssembly {
         let height_m = distance_m.map(|d| d * cosine).or(height_m).ok_or(Reason::NoDistance)?;
         let rate_camera = mount.camera_to_body.to_camera(Body::new(moment.rate_body)).raw();
         let view = View::mounted(1.0, mount, &r, height_m);
-        let features = self.features(settings, &rate_camera);
+        let features = self.features(settings, &rate_camera, &correction.gyro_offset);
         let noise = SolveNoise {
             flow: settings.rate_noise_radps,
             height_m: DISTANCE_SIGMA_M.hypot(relative_sigma * height_m),
@@ -166,20 +166,29 @@ impl ImageAssembly {
             v_xy: v_body.xy(),
             noise: covariance.fixed_view::<2, 2>(0, 0).into_owned(),
             v_z: observed.then_some((v_body.z, covariance[(2, 2)])),
+            distance_m: height_m / cosine.max(0.1),
             interval_s,
             ranged: distance_m.is_some(),
+            gyro_offset: gyro_offset(first, &rate_camera),
         })
     }
 
     /// The patches as features of the image, with the rotation taken out.
-    fn features(&self, settings: &FlowSettings, rate_camera: &Vector3<f64>) -> Vec<Feature> {
+    fn features(
+        &self,
+        settings: &FlowSettings,
+        rate_camera: &Vector3<f64>,
+        gyro_offset: &Vector2<f64>,
+    ) -> Vec<Feature> {
         self.samples
             .iter()
             .filter_map(|s| {
                 let image = settings.patches.find(s.sensor)?.image;
                 let turned = match s.rotation {
                     // The sensor tells two axes; around the third the image turns as well where it is not centred.
-                    FlowRotation::SensorGyro([x, y]) => Vector3::new(x, y, rate_camera.z),
+                    FlowRotation::SensorGyro([x, y]) => {
+                        Vector3::new(x - gyro_offset.x, y - gyro_offset.y, rate_camera.z)
+                    }
                     FlowRotation::Contained => *rate_camera,
                     FlowRotation::Removed => Vector3::zeros(),
                 };

@@ -15,6 +15,23 @@ use crate::navigator::tuning::flow_measure::{
     RATE_INTERVAL_S,
 };
 
+/// What has been learned of a sensor besides its calibration.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct FlowCorrection {
+    /// Age of its samples beyond their stamp, s.
+    pub(super) delay_s: f64,
+    /// Bias of its own gyro, camera x and y, rad/s.
+    pub(super) gyro_offset: Vector2<f64>,
+}
+
+/// What a sensor's own gyro tells more than the vehicle's.
+pub(super) fn gyro_offset(s: &FlowSample, rate_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
+    match s.rotation {
+        FlowRotation::SensorGyro([x, y]) => Some(Vector2::new(x, y) - rate_camera.xy()),
+        FlowRotation::Contained | FlowRotation::Removed => None,
+    }
+}
+
 /// The middle of a flow's interval.
 pub(super) struct FlowMoment {
     pub(super) time: AutopilotTime,
@@ -30,11 +47,15 @@ pub(in super::super::super) struct MeasuredFlow {
     /// Body x and y, m/s.
     pub(in super::super::super) v_xy: Vector2<f64>,
     pub(in super::super::super) noise: Matrix2<f64>,
+    /// Of the ground along the optical axis, m.
+    pub(in super::super::super) distance_m: f64,
     /// Body z and its variance, where the image observes it by itself.
     pub(super) v_z: Option<(f64, f64)>,
     pub(in super::super::super) interval_s: f64,
     /// The distance came from a rangefinder.
     pub(in super::super::super) ranged: bool,
+    /// What the sensor's own gyro tells more than the vehicle's, camera x and y, rad/s, where it has one.
+    pub(super) gyro_offset: Option<Vector2<f64>>,
 }
 
 impl MeasuredFlow {
@@ -117,7 +138,7 @@ pub(super) struct FlowDistance {
 pub(super) fn of_patch(
     s: &FlowSample,
     interval_s: f64,
-    delay_s: f64,
+    correction: &FlowCorrection,
     context: &Context<'_>,
 ) -> Result<MeasuredFlow, Reason> {
     let settings = &context.core.settings.flow;
@@ -125,15 +146,16 @@ pub(super) fn of_patch(
     if !(rate_x.is_finite() && rate_y.is_finite() && s.quality.is_finite()) {
         return Err(Reason::NotFinite);
     }
-    let FlowMoment { time, r_body_to_ned: r, rate_body } = moment(s.time, s.interval, delay_s, context)?;
+    let FlowMoment { time, r_body_to_ned: r, rate_body } =
+        moment(s.time, s.interval, correction.delay_s, context)?;
     let mount = &settings.mount;
-    let FlowDistance { measured_m: distance_m, height_m, relative_sigma } =
-        distance(s, mount.cos_tilt(&r), context);
+    let cosine = mount.cos_tilt(&r);
+    let FlowDistance { measured_m: distance_m, height_m, relative_sigma } = distance(s, cosine, context);
     // A message that gives a rate is a flow over any interval.
     let dt = if s.interval > Span::ZERO { s.interval.seconds() } else { RATE_INTERVAL_S };
     let rate_camera = mount.camera_to_body.to_camera(Body::new(rate_body)).raw();
     let rotation = match s.rotation {
-        FlowRotation::SensorGyro([x, y]) => Vector2::new(x, y),
+        FlowRotation::SensorGyro([x, y]) => Vector2::new(x, y) - correction.gyro_offset,
         FlowRotation::Contained => rate_camera.xy(),
         FlowRotation::Removed => Vector2::zeros(),
     };
@@ -167,9 +189,11 @@ pub(super) fn of_patch(
         r_body_to_ned: r,
         v_xy: v_body.xy(),
         noise: seen.covariance,
+        distance_m: distance_m.or(height_m.map(|h| h / cosine.max(0.1))).unwrap_or_default(),
         v_z: None,
         interval_s,
         ranged: distance_m.is_some(),
+        gyro_offset: gyro_offset(s, &rate_camera),
     })
 }
 

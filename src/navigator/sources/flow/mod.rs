@@ -22,11 +22,12 @@ use super::super::verdict::Reason;
 use super::latency::FlowLatency;
 use super::status::SourceHealth;
 use crate::navigator::tuning::flow::{
-    FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S,
-    SIGNAL_VARIANCE, STUCK_S,
+    FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA, LATENCY_STEP_S,
+    LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE, STUCK_S,
 };
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
+use measure::FlowCorrection;
 pub(in super::super) use measure::MeasuredFlow;
 
 /// One flow sensor.
@@ -38,6 +39,8 @@ pub(in super::super) struct FlowSensor {
     biases: FusiniBiases,
     trust: Result<(), Distrust>,
     latency: FlowLatency,
+    /// Bias of its own gyro, camera x and y, rad/s, and for how long that has been compared with the vehicle's, s.
+    gyro_offset: (Vector2<f64>, f64),
     last: Option<AutopilotTime>,
     outliers_s: f64,
     /// Since when it has told the same, and what.
@@ -52,6 +55,7 @@ impl FlowSensor {
             biases: FusiniBiases::default(),
             trust: Err(Distrust::NotCompared),
             latency: FlowLatency::new(settings.delay_s, settings.delay_sigma_s),
+            gyro_offset: (Vector2::zeros(), 0.0),
             last: None,
             outliers_s: 0.0,
             same: None,
@@ -71,16 +75,31 @@ impl FlowSensor {
         }
     }
 
+    /// What is known of it besides its calibration. The vehicle's gyros have a bias as well, known to some σ: of the mean offset m only what
+    /// exceeds that is the sensor's, (1 − σ²/|m|²)⁺ m (James and Stein's estimator of a mean).
+    fn correction(&self) -> FlowCorrection {
+        let mean = self.gyro_offset.0;
+        let part = (1.0 - (GYRO_OFFSET_SIGMA / mean.norm().max(1e-12)).powi(2)).max(0.0);
+        FlowCorrection { delay_s: self.latency.latency_s(), gyro_offset: mean * part }
+    }
+
+    /// Its own gyro against the vehicle's, whose bias is known: at first the plain mean, a low pass later.
+    fn compare_gyros(&mut self, offset: &Vector2<f64>, interval_s: f64) {
+        let (mean, compared_s) = &mut self.gyro_offset;
+        *compared_s = (*compared_s + interval_s).min(GYRO_OFFSET_S);
+        *mean += (offset - *mean) * (interval_s / *compared_s).min(1.0);
+    }
+
     /// Time since its last sample, s.
     fn interval_s(&self, stamp: AutopilotTime) -> f64 {
         self.last.map_or(FIRST_INTERVAL_S, |t| stamp.seconds_since(t)).min(LONGEST_INTERVAL_S)
     }
 
     /// The flow velocity as the observers are to see it, body x and y, m/s.
-    fn corrected(&self, v_xy: &Vector2<f64>, form: FlowBiasSource) -> Vector2<f64> {
+    fn corrected(&self, m: &MeasuredFlow, form: FlowBiasSource) -> Vector2<f64> {
         match form {
-            FlowBiasSource::Calibration => self.calibration.correct(v_xy),
-            FlowBiasSource::Body | FlowBiasSource::AsPrinted => v_xy - self.biases.flow_velocity.xy(),
+            FlowBiasSource::Calibration => self.calibration.correct(&m.v_xy, m.distance_m),
+            FlowBiasSource::Body | FlowBiasSource::AsPrinted => m.v_xy - self.biases.flow_velocity.xy(),
         }
     }
 
@@ -88,7 +107,8 @@ impl FlowSensor {
         Observation::Flow {
             measured: m.time,
             v_xy: m.v_xy,
-            corrected_xy: self.corrected(&m.v_xy, form),
+            corrected_xy: self.corrected(m, form),
+            distance_m: m.distance_m,
             r_body_to_ned: m.r_body_to_ned,
             covariance: m.noise * self.calibration.noise_factor(),
         }
@@ -207,10 +227,14 @@ impl FlowSource {
         context: &Context<'_>,
     ) -> Result<MeasuredFlow, Reason> {
         let interval_s = self.sensors[index].interval_s(stamp);
-        let delay_s = self.sensors[index].latency.latency_s();
-        let measured = self.measure(stamp, interval_s, delay_s, input, context)?;
+        let correction = self.sensors[index].correction();
+        let measured = self.measure(stamp, interval_s, &correction, input, context)?;
+        if let Some(offset) = &measured.gyro_offset {
+            self.sensors[index].compare_gyros(offset, interval_s);
+        }
         if context.core.mode == Mode::Aided && self.sensors[index].latency.learns() {
-            match self.measure(stamp, interval_s, delay_s + LATENCY_STEP_S, input, context) {
+            let older = FlowCorrection { delay_s: correction.delay_s + LATENCY_STEP_S, ..correction };
+            match self.measure(stamp, interval_s, &older, input, context) {
                 Ok(earlier) => self.learn_latency(&measured, &earlier, index, context),
                 Err(_) => self.sensors[index].latency.interrupt(),
             }
@@ -223,13 +247,13 @@ impl FlowSource {
         &self,
         stamp: AutopilotTime,
         interval_s: f64,
-        delay_s: f64,
+        correction: &FlowCorrection,
         input: FlowInput<'_>,
         context: &Context<'_>,
     ) -> Result<MeasuredFlow, Reason> {
         match input {
-            FlowInput::Patch(s) => measure::of_patch(s, interval_s, delay_s, context),
-            FlowInput::Image => self.image.measure(stamp, interval_s, delay_s, context),
+            FlowInput::Patch(s) => measure::of_patch(s, interval_s, correction, context),
+            FlowInput::Image => self.image.measure(stamp, interval_s, correction, context),
         }
     }
 
@@ -248,7 +272,8 @@ impl FlowSource {
             return;
         }
         let sensor = &mut self.sensors[index];
-        let residual = now.v_xy - v_now - FlowCalibration::jacobian(&v_now) * sensor.calibration.estimate();
+        let known = FlowCalibration::jacobian(&v_now, now.distance_m) * sensor.calibration.estimate();
+        let residual = now.v_xy - v_now - known;
         let by_latency = ((earlier.v_xy - v_earlier) - (now.v_xy - v_now)) / age;
         let variance = 0.5 * now.noise.trace() * sensor.calibration.noise_factor();
         sensor.latency.observe(now.time, &residual, &by_latency, variance);
@@ -257,7 +282,7 @@ impl FlowSource {
     /// While aligning without a magnetometer the flow is the only horizontal direction in body axes.
     pub(in super::super) fn hold_direction(&mut self, m: &MeasuredFlow, index: usize, context: &Context<'_>) {
         let form = context.core.settings.observer.flow_bias;
-        let corrected = self.sensors[index].corrected(&m.v_xy, form);
+        let corrected = self.sensors[index].corrected(m, form);
         self.set_velocity_body(m.time, m.in_body(&corrected, context.core.height.climb_mps()));
     }
 
@@ -281,7 +306,7 @@ impl FlowSource {
         self.filter_bias(m, index, context);
         let lasting = heading_doubt(&v_gnss, context);
         let sensor = &mut self.sensors[index];
-        sensor.calibration.compare(&m.v_xy, &v_gnss, &m.noise, &lasting, m.interval_s);
+        sensor.calibration.compare(&m.v_xy, &v_gnss, m.distance_m, &m.noise, &lasting, m.interval_s);
         let trust = sensor.calibration.trust();
         let changed = std::mem::replace(&mut sensor.trust, trust) != trust;
         let id = sensor.id;
@@ -312,7 +337,7 @@ impl FlowSource {
         let sensor = &self.sensors[index];
         sensor.trust?;
         let form = settings.observer.flow_bias;
-        let corrected = sensor.corrected(&m.v_xy, form);
+        let corrected = sensor.corrected(m, form);
         let v_body = m.in_body(&corrected, context.core.height.climb_mps());
         let v_ned = m.r_body_to_ned * v_body;
         let noise = m.noise * sensor.calibration.noise_factor();
@@ -329,7 +354,7 @@ impl FlowSource {
             by: CarriedBy {
                 interval_s: m.interval_s,
                 r_body_to_ned: m.r_body_to_ned,
-                jacobian: FlowCalibration::jacobian(&corrected),
+                jacobian: FlowCalibration::jacobian(&corrected, m.distance_m),
                 v_ne: v_ned.xy(),
                 noise_density: 0.5 * noise.trace() * m.interval_s,
                 ranged: m.ranged,
