@@ -63,6 +63,8 @@ pub enum EventKind {
     Carried(VelocitySource),
     /// The filter was carried over a hole in the IMU stream, s.
     Bridged(f64),
+    /// Still aligning: what is waited for.
+    Waits(Waits),
     /// There is no magnetometer: the heading is sought in the vehicle's accelerations.
     HeadingSought,
     /// Motion has shown the heading; its standard deviation, rad.
@@ -86,6 +88,30 @@ pub enum EventKind {
     LandmarksAgree,
     /// GNSS has shown how the landmarks' own frame lies; its heading, rad, and the heading's standard deviation.
     LandmarkFrame(f64, f64),
+}
+
+/// What keeps the navigator from navigating.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Waits {
+    /// A fix of GNSS that can be trusted; what is wrong with those that come.
+    Fix(GnssFault),
+    /// A height: a barometer, or the height of fixes.
+    Height,
+    /// Without a magnetometer only motion shows the heading.
+    Motion,
+    /// The attitude is still off by so much, rad, going by magnetometer and accelerometers.
+    Attitude(f64),
+}
+
+impl fmt::Display for Waits {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Waits::Fix(fault) => write!(f, "waits for GNSS: {}", fault.reason()),
+            Waits::Height => write!(f, "waits for a height: no barometer"),
+            Waits::Motion => write!(f, "no magnetometer: move, to show the heading"),
+            Waits::Attitude(off) => write!(f, "attitude off by {:.0} deg, keep still", off.to_degrees()),
+        }
+    }
 }
 
 /// Why a mode was taken.
@@ -151,6 +177,7 @@ impl EventKind {
             EventKind::FilterRestarted(_) => "filter-restarted",
             EventKind::Carried(_) => "carried-by",
             EventKind::Bridged(_) => "imu-bridged",
+            EventKind::Waits(_) => "aligning",
             EventKind::HeadingSought => "heading-sought",
             EventKind::HeadingFound(_) => "heading-found",
             _ => self.landmark_code(),
@@ -184,6 +211,7 @@ impl EventKind {
             }
             EventKind::Carried(source) => write!(f, "carried by {}", source.label()),
             EventKind::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
+            EventKind::Waits(waits) => write!(f, "aligning: {waits}"),
             EventKind::HeadingSought => {
                 write!(f, "no magnetometer: heading from GNSS acceleration, needs motion")
             }

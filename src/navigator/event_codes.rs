@@ -80,6 +80,11 @@ pub const EVENTS: &[EventCode] = &[
         "Check the link's rate and load.",
     ),
     event(
+        "aligning",
+        "Still aligning, after ten seconds and every ten seconds more: what is waited for.",
+        "What it says: a view of the sky, a barometer, a calibrated magnetometer, or motion.",
+    ),
+    event(
         "heading-sought",
         "There is no magnetometer: the heading is sought from how GNSS velocity and acceleration agree.",
         "Move: accelerate in two directions.",
@@ -108,7 +113,7 @@ pub const EVENTS: &[EventCode] = &[
 
 #[cfg(test)]
 mod tests {
-    use super::super::event::{EventKind, TransitionReason};
+    use super::super::event::{EventKind, TransitionReason, Waits};
     use super::super::solution::{Mode, VelocitySource};
     use super::*;
     use crate::altimeter::{Channel, Fault};
@@ -133,6 +138,7 @@ mod tests {
             EventKind::FilterRestarted(1.0),
             EventKind::Carried(VelocitySource::Flow),
             EventKind::Bridged(1.0),
+            EventKind::Waits(Waits::Height),
             EventKind::HeadingSought,
             EventKind::HeadingFound(0.1),
             EventKind::LandmarksFound,

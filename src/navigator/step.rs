@@ -7,7 +7,8 @@ use crate::sample::ImuSample;
 use super::context::{Context, SourceFacts};
 use super::core::Core;
 use super::estimator::{SeekInput, StepInput, StepOutcome, Stepped};
-use super::event::{EventKind, TransitionReason};
+use super::event::{EventKind, TransitionReason, Waits};
+use super::monitor::GnssState;
 use super::reset::Reset;
 use super::sources::status::{SourceId, SourceKind};
 use super::stream::Heard;
@@ -15,7 +16,8 @@ use super::timeline::Snapshot;
 use super::vehicle::VehicleState;
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, landmark_fix};
-use crate::navigator::tuning::step::LONG_STEP_S;
+use crate::navigator::tuning::step::{HELD_FIELD_S, LONG_STEP_S};
+use crate::time::AutopilotTime;
 
 impl Navigator {
     pub(super) fn imu(&mut self, s: &ImuSample) -> Verdict {
@@ -41,7 +43,13 @@ impl Navigator {
         if dt > LONG_STEP_S {
             self.core.estimator.doubt(dt);
         }
-        self.step(s, dt)
+        let verdict = self.step(s, dt);
+        if self.core.mode == Mode::Aligning && self.core.estimator.observer_mut().alignment.tells(s.time) {
+            let facts = self.sources.facts(&self.core);
+            let waits = self.core.waits_for(s.time, &facts);
+            self.core.events.tell(s.time, EventKind::Waits(waits));
+        }
+        verdict
     }
 
     /// A hole of `gap_s` in the stream: the filter goes on over it with what it felt before and after, or begins anew.
@@ -93,7 +101,7 @@ impl Navigator {
             height_m: core.height.height_m(),
             height_sigma_m: core.height.height_sigma_m(),
             climb_mps: core.height.climb_mps(),
-            magnetic: facts.magnetic,
+            magnetic: facts.magnetic.and_then(|m| core.carried_field(s.time, m)),
             flow_velocity: facts.flow_velocity,
             gnss_sigma_m: facts.gnss_sigma_m,
         };
@@ -140,7 +148,7 @@ impl Navigator {
             facts = self.sources.facts(&self.core);
         }
         let core = &mut self.core;
-        core.estimator.observer_mut().injected(s.time, report, &core.settings.observer);
+        core.estimator.observer_mut().injected(s.time, dt, report, &core.settings.observer);
         self.advance(s, dt, &facts);
     }
 
@@ -195,6 +203,33 @@ impl Navigator {
 }
 
 impl Core {
+    /// A magnetic field turned by as much as the vehicle has turned since: a slow magnetometer is as good as a fast one.
+    fn carried_field(
+        &self,
+        now: AutopilotTime,
+        (time, field_body): (AutopilotTime, Vector3<f64>),
+    ) -> Option<(AutopilotTime, Vector3<f64>)> {
+        if now.seconds_since(time) < HELD_FIELD_S {
+            return Some((time, field_body));
+        }
+        let then = self.timeline.attitude(time)?;
+        Some((time, self.attitude.r_body_to_ned.tr_mul(&(then * field_body))))
+    }
+
+    /// What keeps the navigator from navigating.
+    fn waits_for(&self, now: AutopilotTime, facts: &SourceFacts) -> Waits {
+        let observer = self.estimator.observer();
+        if let GnssState::Untrusted(fault) = self.integrity.state() {
+            Waits::Fix(fault)
+        } else if self.height.height_m().is_none() {
+            Waits::Height
+        } else if !super::estimator::has_magnetometer(facts, now) {
+            Waits::Motion
+        } else {
+            Waits::Attitude(observer.alignment.off_rad().unwrap_or(std::f64::consts::PI))
+        }
+    }
+
     /// The instant is remembered; the velocity that is estimated at it.
     fn remember(&mut self, s: &ImuSample, stepped: &Stepped, turned: Vector3<f64>) -> Vector3<f64> {
         let (position_ned, velocity_ned) = self.estimator.estimate().unwrap_or_default();

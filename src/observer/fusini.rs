@@ -223,14 +223,14 @@ pub fn step(
     let n = params.sub_steps.max(1);
     let h = input.dt_s / f64::from(n);
     let mut aiding = input.aiding;
-    let mut report = StepReport { acceleration_ned: zero, injection_norm: None, gated: false, signal: None };
+    let mut report = StepReport { acceleration_ned: zero, injection: None, gated: false, signal: None };
     for _ in 0..n {
         let sub = sub_step(params, state, biases, input, &aiding, h);
         if let Aiding::Gnss(Some(signal)) = &mut aiding {
             signal.advance(h, &sub.acceleration_ned, &input.earth_rate_ned);
         }
         report.acceleration_ned += sub.acceleration_ned / f64::from(n);
-        report.injection_norm = sub.injection_norm;
+        report.injection = sub.injection;
         report.gated = sub.gated;
     }
     if let Aiding::Gnss(signal) = aiding {
@@ -261,9 +261,8 @@ fn sub_step(
         v
     });
     let j = attitude_injection(params, input, &old, &f_body, &f_ned, v_body.as_ref());
-    let injection_norm = j.map(|j| j.norm());
     let k_p = input.k_p_override.unwrap_or(params.k_p);
-    let gains = AttitudeGains::choose(params.gate, k_p, params.k_i, injection_norm);
+    let gains = AttitudeGains::choose(params.gate, k_p, params.k_i, j.map(|j| j.norm()));
 
     let acceleration_ned = f_ned + input.gravity_ned;
     let coriolis = -2.0 * input.earth_rate_ned.cross(&old.velocity_ned);
@@ -298,7 +297,7 @@ fn sub_step(
     state.velocity_ned += h * (acceleration_ned + coriolis + dv);
     state.xi_ned += h * dxi - delta_r * f_body;
     state.r_hat = attitude::advance(params.discretisation, &old.r_hat, &delta_r, &body_rate, h);
-    StepReport { acceleration_ned, injection_norm, gated: gains.gated, signal: None }
+    StepReport { acceleration_ned, injection: j, gated: gains.gated, signal: None }
 }
 
 /// J of (8), or of the magnetic extension.
@@ -404,9 +403,9 @@ mod tests {
     #[test]
     fn assumption_3_guards_the_velocity_triad_at_low_speed() {
         let slow = FusiniInput { flow_velocity_body: Some(Vector3::new(0.4, 0.0, 0.0)), ..cruise() };
-        assert_eq!(run(&mut start(0.4), &slow).unwrap().injection_norm, None);
-        assert_eq!(run(&mut start(0.4), &cruise()).unwrap().injection_norm, None, "in NED, too");
-        assert!(run(&mut start(20.0), &cruise()).unwrap().injection_norm.is_some());
+        assert_eq!(run(&mut start(0.4), &slow).unwrap().injection_norm(), None);
+        assert_eq!(run(&mut start(0.4), &cruise()).unwrap().injection_norm(), None, "in NED, too");
+        assert!(run(&mut start(20.0), &cruise()).unwrap().injection_norm().is_some());
     }
 
     #[test]

@@ -58,14 +58,20 @@ pub struct StepReport {
     /// f̂ⁿ + g in NED over the step, m/s², without Coriolis, from the state before the step. Feed it to
     /// [`super::Predictor::propagate`].
     pub acceleration_ned: Vector3<f64>,
-    /// ‖J‖_F of the (last) injection; `None` when there was none: no reference vector, a degenerate triad, or Assumption 3's guard.
-    /// Above 0.5 the attitude is still being found; 2√2 is half a turn.
-    pub injection_norm: Option<f64>,
+    /// J of the (last) injection; `None` when there was none: no reference vector, a degenerate triad, or Assumption 3's guard.
+    pub injection: Option<Matrix3<f64>>,
     /// The start-up gains were in force.
     pub gated: bool,
     /// The measurement signal that was in the input, moved to the end of the step with every sub-step; `None` where the input has none.
     /// For [`super::Predictor::follow`].
     pub signal: Option<Signal>,
+}
+
+impl StepReport {
+    /// ‖J‖_F. Above 0.5 the attitude is still being found; 2√2 is half a turn.
+    pub fn injection_norm(&self) -> Option<f64> {
+        self.injection.map(|j| j.norm())
+    }
 }
 
 /// Why a step was refused. The state is then unchanged.

@@ -1,6 +1,8 @@
 //! The first stage: the nonlinear observers, Grip's with GNSS and a magnetometer, Fusini's with GNSS and flow or in dead reckoning, and the
 //! predictor that makes a measurement signal of rare and late fixes.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::geo::polar_rotation;
@@ -18,7 +20,8 @@ use super::super::settings::{Estimator as Kind, FlowBiasSource, NavigatorSetting
 use super::super::solution::Mode;
 use super::step::StepInput;
 use crate::navigator::tuning::observer::{
-    LONGEST_DELAY, PRINTED_RATE_HZ, PRINTED_STEP_S, SIGNAL_HOLD, WAIT_FOR_MAGNETOMETER_S,
+    INJECTION_CORRELATION_S, INJECTION_MEAN_S, LONGEST_DELAY, PRINTED_RATE_HZ, PRINTED_STEP_S, SIGNAL_HOLD,
+    TELL_EVERY_S, WAIT_FOR_MAGNETOMETER_S,
 };
 
 /// Which gains are in force when.
@@ -76,13 +79,24 @@ fn tuned_fusini(settings: &ObserverSettings) -> FusiniParams {
 }
 
 /// How far the search for the attitude has come.
+///
+/// A single injection J = (R − R̂)·A_b A_bᵀ says how far R̂ is from the attitude that one magnetometer sample and one specific force show, with
+/// all of their noise. What is decided on is its mean J̄ over some seconds, turned to NED by R̂ᵀ, and what the mean may be wrong by: the
+/// attitude is found when ‖J̄‖ + 2 s/√n is small for long enough, with s² the mean square of J about J̄ and n the number of samples that are
+/// independent.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct AttitudeSearch {
     started: Option<AutopilotTime>,
     /// When the attitude got its first guess.
     attitude_started: Option<AutopilotTime>,
-    /// Since when the injection has been small.
+    /// Mean of the injections, the mean square of what is left of them, and over how long they were taken, s.
+    mean: Matrix3<f64>,
+    spread: f64,
+    heard_s: f64,
+    /// Since when the mean has been small.
     calm_since: Option<AutopilotTime>,
+    /// When it was last told what is waited for.
+    told: Option<AutopilotTime>,
 }
 
 impl AttitudeSearch {
@@ -94,9 +108,31 @@ impl AttitudeSearch {
     /// What was found does not hold any more.
     pub(in super::super) fn forget(&mut self) {
         self.calm_since = None;
+        self.heard_s = 0.0;
     }
 
-    pub(super) fn seconds_since_start(&self, now: AutopilotTime) -> f64 {
+    /// How far the attitude may be off, as far as the injections tell: about √2 times the angle, rad.
+    fn off(&self) -> f64 {
+        let independent = (self.heard_s / INJECTION_CORRELATION_S).max(1.0);
+        self.mean.norm() + 2.0 * (self.spread / independent).sqrt()
+    }
+
+    /// How far the attitude is off, rad, while injections tell.
+    pub(in super::super) fn off_rad(&self) -> Option<f64> {
+        (self.heard_s > 0.0).then(|| self.off() * FRAC_1_SQRT_2)
+    }
+
+    /// Whether it is time to tell again what is waited for.
+    pub(in super::super) fn tells(&mut self, now: AutopilotTime) -> bool {
+        let since = *self.told.get_or_insert(now);
+        let due = now.seconds_since(since) >= TELL_EVERY_S;
+        if due {
+            self.told = Some(now);
+        }
+        due
+    }
+
+    pub(in super::super) fn seconds_since_start(&self, now: AutopilotTime) -> f64 {
         self.started.map_or(0.0, |t| now.seconds_since(t))
     }
 
@@ -105,15 +141,21 @@ impl AttitudeSearch {
         self.attitude_started.map_or(0.0, |t| now.seconds_since(t))
     }
 
-    /// Takes the norm of the attitude injection: small for long enough is an attitude found.
-    fn injection(&mut self, now: AutopilotTime, norm: Option<f64>, settings: &ObserverSettings) {
-        match norm {
-            Some(n) if n < settings.aligned_injection => {
-                self.calm_since.get_or_insert(now);
-            }
-            Some(_) => self.calm_since = None,
-            // Without reference vectors nothing is learned; what was found still holds.
-            None => {}
+    /// Takes the attitude injection of a step over `dt` s, in NED. Without reference vectors nothing is learned; what was found still holds.
+    fn injection(&mut self, now: AutopilotTime, dt: f64, ned: &Matrix3<f64>, settings: &ObserverSettings) {
+        if self.heard_s == 0.0 {
+            (self.mean, self.spread) = (Matrix3::zeros(), 0.0);
+        }
+        // The plain mean at first, a low pass later.
+        self.heard_s = (self.heard_s + dt).min(INJECTION_MEAN_S);
+        let gain = dt / self.heard_s.max(dt);
+        let rest = ned - self.mean;
+        self.mean += rest * gain;
+        self.spread += (rest.norm_squared() * (1.0 - gain) - self.spread) * gain;
+        if self.off() < settings.aligned_injection {
+            self.calm_since.get_or_insert(now);
+        } else {
+            self.calm_since = None;
         }
     }
 
@@ -360,14 +402,17 @@ impl ObserverStage {
         self.predictor.apply(innovation);
     }
 
-    /// How large the injection was.
+    /// What was injected in a step over `dt` s.
     pub(in super::super) fn injected(
         &mut self,
         now: AutopilotTime,
+        dt: f64,
         report: &StepReport,
         settings: &ObserverSettings,
     ) {
-        self.alignment.injection(now, report.injection_norm, settings);
+        if let (Some(j), Some(state)) = (&report.injection, &self.state) {
+            self.alignment.injection(now, dt, &(j * state.r_hat.transpose()), settings);
+        }
     }
 }
 

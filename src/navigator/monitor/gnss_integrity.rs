@@ -12,7 +12,9 @@ use crate::sample::{GnssFix, GnssSample};
 use crate::time::AutopilotTime;
 
 use super::super::reset::Reset;
-use crate::navigator::tuning::gnss_integrity::{NORMAL_GAIN, TRACK_HOLE_S, TRACK_LEN};
+use crate::navigator::tuning::gnss_integrity::{
+    INTERVAL_GAIN, MISSING_FIXES, NORMAL_GAIN, SLOWEST_S, TRACK_HOLE_S, TRACK_LEN,
+};
 
 /// Limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -153,6 +155,8 @@ pub struct GnssIntegrity {
     position_ms: f64,
     /// Mean square velocity innovation of good fixes, m²/s².
     velocity_ms: f64,
+    /// Mean time between two good fixes, s.
+    interval_s: f64,
 }
 
 impl GnssIntegrity {
@@ -171,6 +175,7 @@ impl GnssIntegrity {
             height_faulty: false,
             position_ms: 0.25,
             velocity_ms: 0.1,
+            interval_s: 0.0,
         }
     }
 
@@ -263,7 +268,11 @@ impl GnssIntegrity {
     /// Notes that a fix passed every test. True when GNSS became trusted by it.
     pub fn good(&mut self, time: AutopilotTime, standing: Standing) -> bool {
         let since = *self.good_since.get_or_insert(time);
-        self.last_good = Some(time);
+        let interval = self.last_good.replace(time).map(|last| time.seconds_since(last));
+        if let Some(dt) = interval.filter(|dt| (0.0..SLOWEST_S).contains(dt)) {
+            let gain = if self.interval_s > 0.0 { INTERVAL_GAIN } else { 1.0 };
+            self.interval_s += gain * (dt - self.interval_s);
+        }
         let needed = match (standing, self.lost_by) {
             (Standing::Far, _) => self.settings.recover_far_s,
             _ if self.height_faulty => self.settings.recover_far_s,
@@ -285,15 +294,21 @@ impl GnssIntegrity {
         self.check(now)
     }
 
+    /// No good fix for this long is a loss, s: as configured, but for a receiver so slow that a fix or two may be missing.
+    fn loss_s(&self) -> f64 {
+        self.settings.loss_s.max(MISSING_FIXES * self.interval_s)
+    }
+
     /// Looks at the time that has passed since the last good fix. True when GNSS is lost by it.
     pub fn check(&mut self, now: AutopilotTime) -> bool {
         let quiet = self.last_good.map_or(f64::INFINITY, |t| now.seconds_since(t));
-        if quiet < self.settings.loss_s {
+        let loss_s = self.loss_s();
+        if quiet < loss_s {
             return false;
         }
         self.good_since = None;
         let fault = match self.last_bad {
-            Some((t, fault)) if now.seconds_since(t) < self.settings.loss_s => fault,
+            Some((t, fault)) if now.seconds_since(t) < loss_s => fault,
             _ => GnssFault::Silence,
         };
         let was = self.trusted();
@@ -348,7 +363,7 @@ impl GnssIntegrity {
         let travelled_ne = match self.newest() {
             Some(last) => {
                 let dt = time.seconds_since(last.time);
-                if !(0.0..=TRACK_HOLE_S).contains(&dt) {
+                if !(0.0..=TRACK_HOLE_S.max(self.loss_s())).contains(&dt) {
                     self.forget_track();
                     Vector2::zeros()
                 } else {

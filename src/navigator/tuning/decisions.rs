@@ -47,6 +47,10 @@ pub(in crate::navigator) mod gnss_integrity {
     pub(in crate::navigator) const TRACK_LEN: usize = 128;
     /// A hole in the fixes longer than this ends the comparison of positions with velocities, s.
     pub(in crate::navigator) const TRACK_HOLE_S: f64 = 1.0;
+    /// Fixes further apart are no rate but a hole, s; the gain of the running mean interval; a receiver is lost after so many intervals.
+    pub(in crate::navigator) const SLOWEST_S: f64 = 2.5;
+    pub(in crate::navigator) const INTERVAL_GAIN: f64 = 0.1;
+    pub(in crate::navigator) const MISSING_FIXES: f64 = 2.5;
     /// Gain of the running mean squares: some 50 fixes.
     pub(in crate::navigator) const NORMAL_GAIN: f64 = 0.02;
 }
@@ -73,6 +77,8 @@ pub(in crate::navigator) mod published {
 pub(in crate::navigator) mod step {
     /// A step longer than this leaves room for what was not seen, s.
     pub(in crate::navigator) const LONG_STEP_S: f64 = 0.1;
+    /// A magnetic field is held for this long, s, before it is turned with the vehicle.
+    pub(in crate::navigator) const HELD_FIELD_S: f64 = 0.1;
 }
 
 /// The stream of the IMU.

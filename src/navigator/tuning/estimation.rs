@@ -17,8 +17,8 @@ pub(in crate::navigator) mod estimator_step {
     pub(in crate::navigator) const DISAGREEMENT: f64 = 0.35;
     /// … for this long, s.
     pub(in crate::navigator) const DISAGREEMENT_S: f64 = 5.0;
-    /// A magnetometer sample is used for this long, s.
-    pub(in crate::navigator) const MAGNETIC_AGE_S: f64 = 0.5;
+    /// A magnetometer sample is used for this long, s: the slowest that are logged come at 0.5 Hz.
+    pub(in crate::navigator) const MAGNETIC_AGE_S: f64 = 2.2;
     /// A flow velocity is used for this long, s.
     pub(in crate::navigator) const FLOW_AGE_S: f64 = 0.5;
 }
@@ -68,7 +68,12 @@ pub(in crate::navigator) mod observer {
     /// The rate that Fusini's are for, Hz.
     pub(in crate::navigator) const PRINTED_RATE_HZ: f64 = 300.0;
     /// A vehicle that hears no magnetometer for this long starts without, s.
-    pub(in crate::navigator) const WAIT_FOR_MAGNETOMETER_S: f64 = 2.0;
+    pub(in crate::navigator) const WAIT_FOR_MAGNETOMETER_S: f64 = 2.5;
+    /// Injections are averaged over this long, s, and those this far apart are independent, s: a magnetometer at 5 Hz.
+    pub(in crate::navigator) const INJECTION_MEAN_S: f64 = 3.0;
+    pub(in crate::navigator) const INJECTION_CORRELATION_S: f64 = 0.2;
+    /// What is waited for is told this often, s.
+    pub(in crate::navigator) const TELL_EVERY_S: f64 = 10.0;
     /// How long after its last measurement an axis of the measurement signal counts as measured.
     pub(in crate::navigator) const SIGNAL_HOLD: Span = Span::from_millis(700);
     /// The predictor remembers this much of the past; fixes have to be younger still.
