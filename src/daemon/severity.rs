@@ -14,6 +14,7 @@ pub(super) fn severity_of(kind: &EventKind) -> Severity {
         EventKind::Reset(_)
         | EventKind::WalkedBack(_)
         | EventKind::FlowDistrusted(..)
+        | EventKind::HeadingTurned(_)
         | EventKind::HeightFault { .. }
         | EventKind::InertialHeight(_)
         | EventKind::HeightReset(_)

@@ -12,6 +12,7 @@ use super::estimator::{EstimatorStack, StartPoint, Stepped};
 use super::event::{EventKind, EventLog, TransitionReason};
 use super::height::HeightEstimate;
 use super::monitor::gnss_integrity::{GnssFault, GnssIntegrity};
+use super::monitor::heading_witness::HeadingWitness;
 use super::monitor::mode::{Decision, ModeInputs, decide};
 use super::monitor::outage::Outage;
 use super::observation::Fused;
@@ -46,6 +47,7 @@ pub(super) struct Core {
     pub(super) timeline: Timeline,
     pub(super) height: HeightEstimate,
     pub(super) integrity: GnssIntegrity,
+    pub(super) heading_witness: HeadingWitness,
     pub(super) mode: Mode,
     pub(super) outage: Outage,
     pub(super) published: Published,
@@ -64,6 +66,7 @@ impl Core {
             timeline: Timeline::new(REMEMBERED),
             height: HeightEstimate::new(&settings.height),
             integrity: GnssIntegrity::new(settings.gnss.trust),
+            heading_witness: HeadingWitness::default(),
             mode: Mode::Aligning,
             outage: Outage::new(),
             published: Published::default(),
@@ -296,6 +299,7 @@ impl Core {
         self.timeline.reset(reset);
         self.height.reset(reset, &self.settings.height);
         self.integrity.reset(reset);
+        self.heading_witness.forget();
         self.published.reset(reset);
     }
 

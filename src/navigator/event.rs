@@ -69,6 +69,10 @@ pub enum EventKind {
     HeadingSought,
     /// Motion has shown the heading; its standard deviation, rad.
     HeadingFound(f64),
+    /// Motion contradicts the heading: it was turned by so much, rad, and the magnetometer is not believed.
+    HeadingTurned(f64),
+    /// The magnetometer agrees with the heading again.
+    MagnetometerAgrees,
     /// The landmarks in view give a pose.
     LandmarksFound,
     /// They do so no more.
@@ -180,6 +184,8 @@ impl EventKind {
             EventKind::Waits(_) => "aligning",
             EventKind::HeadingSought => "heading-sought",
             EventKind::HeadingFound(_) => "heading-found",
+            EventKind::HeadingTurned(_) => "heading-turned",
+            EventKind::MagnetometerAgrees => "magnetometer-agrees",
             _ => self.landmark_code(),
         }
     }
@@ -218,6 +224,10 @@ impl EventKind {
             EventKind::HeadingFound(sigma) => {
                 write!(f, "heading found from motion, +- {:.0} deg", sigma.to_degrees())
             }
+            EventKind::HeadingTurned(by) => {
+                write!(f, "compass wrong: heading turned {:+.0} deg", by.to_degrees())
+            }
+            EventKind::MagnetometerAgrees => write!(f, "compass agrees with motion again"),
             _ => Ok(()),
         }
     }

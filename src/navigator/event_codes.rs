@@ -90,6 +90,16 @@ pub const EVENTS: &[EventCode] = &[
         "Move: accelerate in two directions.",
     ),
     event("heading-found", "Motion has shown the heading.", "Nothing."),
+    event(
+        "heading-turned",
+        "GNSS and accelerometers agree on another heading than the magnetometer's; it was turned, and the magnetometer is not used.",
+        "Calibrate the compass; look for currents and iron near it.",
+    ),
+    event(
+        "magnetometer-agrees",
+        "The magnetometer agrees with the heading from motion, and is used again.",
+        "Nothing.",
+    ),
     event("landmarks-found", "Known landmarks are in view and give a pose.", "Nothing."),
     event("landmarks-lost", "They are not any more.", "Nothing."),
     event(
@@ -141,6 +151,8 @@ mod tests {
             EventKind::Waits(Waits::Height),
             EventKind::HeadingSought,
             EventKind::HeadingFound(0.1),
+            EventKind::HeadingTurned(1.0),
+            EventKind::MagnetometerAgrees,
             EventKind::LandmarksFound,
             EventKind::LandmarksLost,
             EventKind::LandmarkContradicts(1),

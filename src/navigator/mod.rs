@@ -25,6 +25,7 @@ mod environment;
 mod estimator;
 pub mod event;
 pub mod event_codes;
+mod heading_turn;
 mod height;
 mod landmark_fix;
 pub mod monitor;

@@ -33,7 +33,12 @@ impl Navigator {
     pub(super) fn magnetometer(&mut self, s: &MagSample) -> Verdict {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         match self.sources.magnetometer.observe(s, &context) {
-            Err(reason) => Verdict::Rejected(reason),
+            Err(reason) => {
+                if reason == Reason::ContradictsMotion && self.sources.magnetometer.takes_back(s.time) {
+                    self.core.events.tell(s.time, EventKind::MagnetometerAgrees);
+                }
+                Verdict::Rejected(reason)
+            }
             Ok(observation) => {
                 let source = SourceId { kind: SourceKind::Magnetometer, id: s.sensor };
                 if self.fuse(s.time, source, &observation).gated(Measured::Magnetometer) {
@@ -182,7 +187,16 @@ impl Navigator {
         let expected = (self.core.mode != Mode::Aligning).then(|| expectation(reading, &context));
         let core = &mut self.core;
         let position_ne = reading.position_ned.xy();
-        let standing = core.integrity.judge(reading.measured, position_ne, reading.velocity_ne, expected)?;
+        let judged = core.integrity.judge(reading.measured, position_ne, reading.velocity_ne, expected);
+        let standing = match judged {
+            Ok(standing) => standing,
+            Err(fault) => {
+                self.witness_heading(now, reading, Some(fault));
+                return Err(fault);
+            }
+        };
+        self.witness_heading(now, reading, None);
+        let core = &mut self.core;
         // A receiver that comes back at another height is not where it says.
         let height_m = -reading.position_ned.z;
         let gate = core.settings.gnss.trust.gate_sigma;

@@ -14,6 +14,8 @@ struct Remembered {
     /// ∫ω dt in body axes since the start, rad: differences give mean rates.
     turned_body: Vector3<f64>,
     acceleration_ned: Vector3<f64>,
+    /// ∫ a dt, NED, since the start, m/s.
+    impulse_ned: Vector3<f64>,
     position_ned: Vector3<f64>,
     velocity_ned: Vector3<f64>,
 }
@@ -64,15 +66,25 @@ impl Timeline {
 
     /// Adds the newest instant.
     pub(super) fn push(&mut self, time: AutopilotTime, i: &Snapshot) {
-        let turned_body = self.past.newest().map_or(i.turned, |last| last.turned_body + i.turned);
+        let (turned_body, impulse_ned) = self.past.newest().map_or((i.turned, Vector3::zeros()), |last| {
+            let impulse = i.acceleration_ned * time.seconds_since(last.time);
+            (last.turned_body + i.turned, last.impulse_ned + impulse)
+        });
         self.past.push(Remembered {
             time,
             r_body_to_ned: i.r_body_to_ned,
             turned_body,
             acceleration_ned: i.acceleration_ned,
+            impulse_ned,
             position_ned: i.position_ned,
             velocity_ned: i.velocity_ned,
         });
+    }
+
+    /// What the acceleration had added up to at `time`, NED, m/s: differences of it are changes of the velocity that nothing corrected.
+    pub(super) fn impulse(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
+        let (earlier, later, f) = self.past.around(time)?;
+        Some(earlier.impulse_ned + (later.impulse_ned - earlier.impulse_ned) * f)
     }
 
     /// Position and velocity at `time`, linearly between two instants, and a little beyond the newest: stamps of other sensors may

@@ -60,6 +60,9 @@ pub enum Reason {
     /// The sensor contradicts GNSS.
     #[strum(serialize = "contradicts GNSS")]
     Distrusted,
+    /// Motion shows another heading.
+    #[strum(serialize = "contradicts motion")]
+    ContradictsMotion,
     /// Its stamp lies further ahead than any sensor's may.
     #[strum(serialize = "from the future")]
     Early,

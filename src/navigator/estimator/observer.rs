@@ -176,7 +176,7 @@ pub(in super::super) struct ObserverStage {
     params: ObserverParams,
     /// `None` until the attitude has a first guess.
     pub(super) state: Option<ObserverState>,
-    pub(super) predictor: Predictor,
+    pub(in super::super) predictor: Predictor,
     pub(in super::super) alignment: AttitudeSearch,
 }
 

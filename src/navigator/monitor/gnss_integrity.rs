@@ -319,6 +319,13 @@ impl GnssIntegrity {
         was
     }
 
+    /// What it was blamed for was somebody else's fault.
+    pub fn acquit(&mut self, now: AutopilotTime) {
+        self.state = GnssState::Trusted;
+        self.last_good = Some(now);
+        self.last_bad = None;
+    }
+
     /// How far the positions have run away from the velocities over the window, NE, m: what a slow lie has added so far.
     pub fn run_away(&self) -> Vector2<f64> {
         self.run_away_ne

@@ -2,6 +2,7 @@
 
 pub mod budget;
 pub mod gnss_integrity;
+pub(super) mod heading_witness;
 pub(super) mod mode;
 pub(super) mod outage;
 

@@ -12,7 +12,9 @@ use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
 use super::status::SourceHealth;
 use crate::navigator::tuning::every_source::LATE_S;
-use crate::navigator::tuning::magnetometer::{STUCK_LOOK_S, STUCK_RATE, STUCK_S, STUCK_TURN};
+use crate::navigator::tuning::magnetometer::{
+    AGREES, AGREES_S, STUCK_LOOK_S, STUCK_RATE, STUCK_S, STUCK_TURN,
+};
 
 /// The same field, told again and again.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +30,10 @@ struct SameField {
 pub(in super::super) struct MagnetometerSource {
     newest: Option<(AutopilotTime, Vector3<f64>)>,
     same: Option<SameField>,
+    /// Motion has contradicted it …
+    contradicted: bool,
+    /// … and since when it has agreed with the heading again.
+    agrees_since: Option<AutopilotTime>,
 }
 
 impl MagnetometerSource {
@@ -67,6 +73,9 @@ impl MagnetometerSource {
         if self.is_stuck(s, context.now(), &context.core.timeline) {
             return Err(Reason::Stuck);
         }
+        if !self.is_believed(s, &field_ned, context) {
+            return Err(Reason::ContradictsMotion);
+        }
         self.newest = Some((s.time, s.field.raw()));
         Ok(Observation::Magnetic { field_body: s.field.raw(), field_ned, sigma_t: settings.sigma_t })
     }
@@ -87,14 +96,42 @@ impl MagnetometerSource {
         stuck
     }
 
+    /// Motion shows another heading than it does.
+    pub(in super::super) fn contradict(&mut self) {
+        self.newest = None;
+        self.contradicted = true;
+        self.agrees_since = None;
+    }
+
+    /// Whether it is believed again: it has agreed with the heading for long enough.
+    pub(in super::super) fn takes_back(&mut self, now: AutopilotTime) -> bool {
+        let back =
+            self.contradicted && self.agrees_since.is_some_and(|since| now.seconds_since(since) > AGREES_S);
+        self.contradicted &= !back;
+        back
+    }
+
+    /// Whether motion has not contradicted it; if it has, the field is set against the heading that motion has shown.
+    fn is_believed(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) -> bool {
+        if !self.contradicted {
+            return true;
+        }
+        let seen = context.core.attitude.r_body_to_ned * s.field.raw();
+        let angle = (seen.x * field_ned.y - seen.y * field_ned.x).atan2(seen.xy().dot(&field_ned.xy()));
+        self.agrees_since = self.agrees_since.or(Some(s.time)).filter(|_| angle.abs() < AGREES);
+        false
+    }
+
     /// What is known against it.
     pub(super) fn health(&self) -> SourceHealth {
-        if self.same.is_some_and(|s| s.stuck) { SourceHealth::Faulty } else { SourceHealth::Healthy }
+        let faulty = self.same.is_some_and(|s| s.stuck) || self.contradicted;
+        if faulty { SourceHealth::Faulty } else { SourceHealth::Healthy }
     }
 
     pub(super) fn reset(&mut self, reset: &Reset) {
         if reset.reboots() {
             self.newest = None;
+            self.contradicted = false;
         }
         if reset.sets_clock_back() {
             self.same = None;

@@ -55,6 +55,29 @@ pub(in crate::navigator) mod gnss_integrity {
     pub(in crate::navigator) const NORMAL_GAIN: f64 = 0.02;
 }
 
+/// Motion as a witness of the heading.
+pub(in crate::navigator) mod heading_witness {
+    /// A window is at least and at most so long, s: long enough for the velocity to change, short enough for the bias of an accelerometer.
+    pub(in crate::navigator) const SHORTEST_S: f64 = 0.9;
+    pub(in crate::navigator) const LONGEST_S: f64 = 3.0;
+    /// What was seen fades by 1/e in this time, s.
+    pub(in crate::navigator) const FORGET_S: f64 = 30.0;
+    /// So many windows before anything is said.
+    pub(in crate::navigator) const LEAST_WINDOWS: f64 = 4.0;
+    /// Changes of the velocity that are at least motion, m/s, root mean square, and their sum of squares, (m/s)².
+    pub(in crate::navigator) const LEAST_CHANGE: f64 = 0.7;
+    pub(in crate::navigator) const LEAST_SUM: f64 = 12.0;
+    /// A heading is wrong when it is off by this much, rad, and by so many of its sigmas, and when the turn leaves less than this part of what
+    /// did not fit.
+    pub(in crate::navigator) const LEAST_TURN: f64 = 0.35;
+    pub(in crate::navigator) const SIGNIFICANT: f64 = 4.0;
+    pub(in crate::navigator) const UNEXPLAINED: f64 = 0.4;
+    /// How well the rest is known when the heading was wrong: tilt, rad, gyro bias, rad/s, the velocity of a fix, m/s.
+    pub(in crate::navigator) const TILT_SIGMA: f64 = 0.1;
+    pub(in crate::navigator) const GYRO_BIAS_SIGMA: f64 = 0.005;
+    pub(in crate::navigator) const SPEED_SIGMA: f64 = 0.7;
+}
+
 /// Dead reckoning.
 pub(in crate::navigator) mod outage {
     /// What carries is told when it has carried for this long, s.

@@ -214,6 +214,9 @@ pub(in crate::navigator) mod magnetometer {
     pub(in crate::navigator) const STUCK_TURN: f64 = 0.03;
     pub(in crate::navigator) const STUCK_RATE: f64 = 0.02;
     pub(in crate::navigator) const STUCK_LOOK_S: f64 = 2.0;
+    /// One that motion has contradicted is believed again when it shows the heading within this, rad, for this long, s.
+    pub(in crate::navigator) const AGREES: f64 = 0.2;
+    pub(in crate::navigator) const AGREES_S: f64 = 30.0;
 }
 
 /// A rangefinder.
