@@ -112,7 +112,7 @@ impl fmt::Display for Waits {
         match self {
             Waits::Fix(fault) => write!(f, "waits for GNSS: {}", fault.reason()),
             Waits::Height => write!(f, "waits for a height: no barometer"),
-            Waits::Motion => write!(f, "no magnetometer: move, to show the heading"),
+            Waits::Motion => write!(f, "no compass to trust: move, it shows heading"),
             Waits::Attitude(off) => write!(f, "attitude off by {:.0} deg, keep still", off.to_degrees()),
         }
     }

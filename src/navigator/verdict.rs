@@ -36,6 +36,9 @@ pub enum Reason {
     /// The magnetic field has the wrong strength.
     #[strum(serialize = "wrong field strength")]
     FieldStrength,
+    /// The magnetic field dips otherwise than Earth's.
+    #[strum(serialize = "wrong field direction")]
+    FieldDirection,
     /// The flow sensor itself calls it bad.
     #[strum(serialize = "low quality")]
     LowQuality,

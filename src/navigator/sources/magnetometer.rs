@@ -13,7 +13,8 @@ use super::super::verdict::Reason;
 use super::status::SourceHealth;
 use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::magnetometer::{
-    AGREES, AGREES_S, STUCK_LOOK_S, STUCK_RATE, STUCK_S, STUCK_TURN,
+    AGREES, AGREES_S, DIP_LEAST_S, DIP_MEAN_S, FEELS_GRAVITY, LARGEST_DIP, STUCK_LOOK_S, STUCK_RATE, STUCK_S,
+    STUCK_TURN,
 };
 
 /// The same field, told again and again.
@@ -30,6 +31,9 @@ struct SameField {
 pub(in super::super) struct MagnetometerSource {
     newest: Option<(AutopilotTime, Vector3<f64>)>,
     same: Option<SameField>,
+    /// Mean of how much steeper it dips than Earth's field, rad, over how long, s, and since when.
+    dip: (f64, f64),
+    dip_heard: Option<AutopilotTime>,
     /// Motion has contradicted it …
     contradicted: bool,
     /// … and since when it has agreed with the heading again.
@@ -67,6 +71,9 @@ impl MagnetometerSource {
         if (norm / field_ned.norm() - 1.0).abs() > settings.norm_error {
             return Err(Reason::FieldStrength);
         }
+        if self.is_dipped(s, &field_ned, context) {
+            return Err(Reason::FieldDirection);
+        }
         if context.is_late(s.time, LATE_S) {
             return Err(Reason::Late);
         }
@@ -94,6 +101,30 @@ impl MagnetometerSource {
         let stuck = same.stuck || (elapsed > STUCK_S && timeline.mean_rate(from, now).is_some_and(turned));
         self.same = Some(SameField { stuck, ..same });
         stuck
+    }
+
+    /// Whether the field dips otherwise than Earth's does here: then something on the vehicle bends it, and the heading it shows is as wrong.
+    /// Down is the filter's where that runs, and else what the accelerometers show while they feel gravity alone.
+    fn is_dipped(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) -> bool {
+        let core = context.core;
+        let felt = core.stream.last().map(|imu| -imu.specific_force.raw());
+        let gravity = core.surroundings.environment().map_or(f64::NAN, |e| e.gravity_ned.norm());
+        let down_body = if core.estimator.has_error_state() {
+            Some(core.attitude.r_body_to_ned.row(2).transpose())
+        } else {
+            felt.filter(|f| (f.norm() / gravity - 1.0).abs() < FEELS_GRAVITY).map(|f| f.normalize())
+        };
+        let dt = self.dip_heard.replace(s.time).map_or(0.0, |t| s.time.seconds_since(t)).clamp(0.0, 1.0);
+        if let Some(down) = down_body {
+            let dip = |field: &Vector3<f64>, down: &Vector3<f64>| (field.dot(down) / field.norm()).asin();
+            let steeper = dip(&s.field.raw(), &down) - dip(field_ned, &Vector3::z());
+            // The plain mean at first, a low pass later.
+            let (mean, over_s) = &mut self.dip;
+            *over_s = (*over_s + dt).min(DIP_MEAN_S);
+            *mean += (steeper - *mean) * (dt / over_s.max(1e-3)).min(1.0);
+        }
+        let (mean, over_s) = self.dip;
+        over_s > DIP_LEAST_S && mean.abs() > LARGEST_DIP
     }
 
     /// Motion shows another heading than it does.
@@ -124,7 +155,8 @@ impl MagnetometerSource {
 
     /// What is known against it.
     pub(super) fn health(&self) -> SourceHealth {
-        let faulty = self.same.is_some_and(|s| s.stuck) || self.contradicted;
+        let faulty =
+            self.same.is_some_and(|s| s.stuck) || self.contradicted || self.dip.0.abs() > LARGEST_DIP;
         if faulty { SourceHealth::Faulty } else { SourceHealth::Healthy }
     }
 
@@ -132,6 +164,7 @@ impl MagnetometerSource {
         if reset.reboots() {
             self.newest = None;
             self.contradicted = false;
+            self.dip = (0.0, 0.0);
         }
         if reset.sets_clock_back() {
             self.same = None;

@@ -214,6 +214,12 @@ pub(in crate::navigator) mod magnetometer {
     pub(in crate::navigator) const STUCK_TURN: f64 = 0.03;
     pub(in crate::navigator) const STUCK_RATE: f64 = 0.02;
     pub(in crate::navigator) const STUCK_LOOK_S: f64 = 2.0;
+    /// A field that dips more or less than Earth's by this much, rad, in the mean over this long, s (and no less than that long), is bent by
+    /// something on the vehicle. Before there is a filter, down is what accelerometers feel whose force is gravity's within this part.
+    pub(in crate::navigator) const LARGEST_DIP: f64 = 0.26;
+    pub(in crate::navigator) const DIP_MEAN_S: f64 = 10.0;
+    pub(in crate::navigator) const DIP_LEAST_S: f64 = 1.0;
+    pub(in crate::navigator) const FEELS_GRAVITY: f64 = 0.05;
     /// One that motion has contradicted is believed again when it shows the heading within this, rad, for this long, s.
     pub(in crate::navigator) const AGREES: f64 = 0.2;
     pub(in crate::navigator) const AGREES_S: f64 = 30.0;
