@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use crate::time::AutopilotTime;
 
 use super::core::Core;
+use super::sources::takeoff::Ground;
 
 /// What the sources know, for each other and for the estimator.
 #[derive(Clone, Copy, Debug)]
@@ -21,8 +22,8 @@ pub(super) struct SourceFacts {
     pub(super) rangefinder_heard: bool,
     /// While it is disputed where the ground is: the distance that is measured over the one that it should be.
     pub(super) disputed_ratio: Option<f64>,
-    /// Height of the ground above the origin, m.
-    pub(super) ground_m: Option<f64>,
+    /// Where the ground is: as the rangefinder has seen it, or the place of take-off.
+    pub(super) ground: Option<Ground>,
     /// The vehicle stands.
     pub(super) resting: bool,
     /// When airspeed, and rotor drag, last corrected the velocity.

@@ -159,9 +159,12 @@ impl Navigator {
 
     /// Standing still, where the vehicle's own word for it can be believed.
     fn look_for_rest(&mut self, s: &ImuSample, facts: &SourceFacts) {
-        self.core.doubt_disarmed(facts.ground_m);
+        self.core.doubt_disarmed(facts.ground.map(|g| g.height_m));
         let context = Context { core: &self.core, facts: *facts };
-        let Some(observation) = self.sources.standstill.observe(s, &context) else { return };
+        let observation = self.sources.standstill.observe(s, &context);
+        let standing = self.sources.standstill.quiet(s.time);
+        self.sources.takeoff.look(standing, &context);
+        let Some(observation) = observation else { return };
         let core = &mut self.core;
         let Some(environment) = core.surroundings.environment() else { return };
         let fused = core.estimator.fuse(s.time, &observation, &core.timeline, environment);
@@ -250,9 +253,9 @@ impl Core {
     fn feel_ground(&mut self, dt: f64, facts: &SourceFacts) {
         let h = &self.settings.height;
         let near = facts
-            .ground_m
+            .ground
             .zip(self.height.height_m())
-            .is_some_and(|(ground, height)| (height - ground).abs() < h.ground_effect_below_m);
+            .is_some_and(|(ground, height)| (height - ground.height_m).abs() < h.ground_effect_below_m);
         if near && !facts.resting && self.mode != Mode::Aligning {
             self.height.loosen_barometers(h.ground_effect_walk, dt);
         }

@@ -16,6 +16,9 @@ mod rangefinder;
 pub(super) mod rangefinders;
 pub(super) mod standstill;
 pub mod status;
+pub(super) mod takeoff;
+
+use nalgebra::Vector2;
 
 use crate::altimeter::Channel;
 
@@ -26,6 +29,7 @@ use super::reset::Reset;
 use super::settings::NavigatorSettings;
 use crate::navigator::tuning::every_source::SILENT_S;
 use status::{SourceHealth, SourceKind, SourceStatus};
+use takeoff::Ground;
 
 /// Every source of a vehicle.
 #[derive(Clone, Debug)]
@@ -38,6 +42,7 @@ pub(super) struct SourceSet {
     pub(super) airspeed: airspeed::AirspeedSource,
     pub(super) drag: drag::DragSource,
     pub(super) standstill: standstill::StandstillSource,
+    pub(super) takeoff: takeoff::TakeoffPlace,
     /// Where landmarks are configured.
     pub(super) landmarks: Option<landmarks::LandmarkSource>,
 }
@@ -53,6 +58,7 @@ impl SourceSet {
             airspeed: airspeed::AirspeedSource::default(),
             drag: drag::DragSource::new(&settings.drag),
             standstill: standstill::StandstillSource::default(),
+            takeoff: takeoff::TakeoffPlace::default(),
             landmarks: settings.landmarks.clone().map(landmarks::LandmarkSource::new),
         }
     }
@@ -63,6 +69,9 @@ impl SourceSet {
         let believed = |r: &&rangefinder::RangefinderSource| {
             r.health() != SourceHealth::Faulty && !core.height.health(Channel::Range).is_faulty()
         };
+        let seen = range
+            .and_then(rangefinder::RangefinderSource::ground_m)
+            .map(|height_m| Ground { height_m, sigma_m: 0.0 });
         SourceFacts {
             magnetic: self.magnetometer.newest(),
             flow_velocity: self.flow.velocity_body(),
@@ -74,7 +83,9 @@ impl SourceSet {
                 .newest()
                 .zip(range)
                 .and_then(|(now, r)| r.disputed_ratio(now, core.height.height_m())),
-            ground_m: range.and_then(rangefinder::RangefinderSource::ground_m),
+            ground: seen.or_else(|| {
+                self.takeoff.ground(&core.estimator.estimate().map_or(Vector2::zeros(), |(p, _)| p.xy()))
+            }),
             resting: self.standstill.resting(),
             airspeed_used: self.airspeed.used(),
             drag_used: self.drag.used(),
@@ -130,6 +141,7 @@ impl SourceSet {
         self.airspeed.reset(reset);
         self.drag.reset(reset);
         self.standstill.reset(reset);
+        self.takeoff.reset(reset);
         if let Some(landmarks) = &mut self.landmarks {
             landmarks.reset(reset);
         }

@@ -28,6 +28,11 @@ impl StandstillSource {
         self.resting
     }
 
+    /// Whether the vehicle is disarmed and quiet, whether or not a filter believes it.
+    pub(in super::super) fn quiet(&self, now: AutopilotTime) -> bool {
+        self.since.is_some_and(|since| now.seconds_since(since) >= QUIET_S)
+    }
+
     /// Looks at an IMU sample; an observation every so often while the vehicle stands.
     pub(in super::super) fn observe(&mut self, s: &ImuSample, context: &Context<'_>) -> Option<Observation> {
         let core = context.core;

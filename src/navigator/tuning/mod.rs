@@ -15,4 +15,5 @@ pub(super) use estimation::{error_state, estimator, estimator_step, exogenous, h
 pub(super) use sensing::{
     airspeed, barometer, drag, every_source, flow, flow_image, flow_measure, following, gnss, landmark_pose,
     landmark_relation, landmarks, latency, magnetometer, rangefinder, rangefinders, standstill, status,
+    takeoff,
 };

@@ -259,6 +259,13 @@ pub(in crate::navigator) mod rangefinders {
     pub(in crate::navigator) const SILENCE_S: f64 = 1.0;
 }
 
+/// The place of take-off.
+pub(in crate::navigator) mod takeoff {
+    /// How well the ground's height is known there, m: ground effect and the altimeter's drift; and the terrain's slope around.
+    pub(in crate::navigator) const GROUND_SIGMA_M: f64 = 0.7;
+    pub(in crate::navigator) const TERRAIN_SLOPE: f64 = 0.05;
+}
+
 /// Standing still.
 pub(in crate::navigator) mod standstill {
     /// A quiet IMU: no faster than this, rad/s …

@@ -103,7 +103,7 @@ pub(super) fn moment(
 /// last seen then, and may be wrong by as much as the two are apart.
 pub(super) fn distance(s: &FlowSample, cosine: f64, context: &Context<'_>) -> FlowDistance {
     let (core, facts) = (context.core, &context.facts);
-    let height = core.height.height_m().zip(facts.ground_m).map(|(height, ground)| height - ground);
+    let height = core.height.height_m().zip(facts.ground).map(|(height, ground)| height - ground.height_m);
     let undisputed = facts.range.filter(|_| facts.disputed_ratio.is_none());
     let ranged = undisputed.filter(|(t, _)| s.time.seconds_since(*t).abs() < core.settings.range_max_age_s);
     let measured = match ranged {
@@ -115,10 +115,11 @@ pub(super) fn distance(s: &FlowSample, cosine: f64, context: &Context<'_>) -> Fl
         }),
     };
     let doubt = facts.disputed_ratio.map_or(0.0, |ratio| (1.0 - ratio).abs().min(LARGEST_DOUBT));
+    let terrain = facts.ground.zip(height).map_or(0.0, |(ground, h)| ground.sigma_m / h.max(1e-3));
     FlowDistance {
         measured_m: measured,
         height_m: height,
-        relative_sigma: if ranged.is_some() { 0.0 } else { doubt },
+        relative_sigma: if ranged.is_some() { 0.0 } else { doubt.hypot(terrain).min(LARGEST_DOUBT) },
     }
 }
 
