@@ -190,7 +190,7 @@ fn print_learned(navigator: &Navigator) {
     {
         let x = calibration.estimate();
         outln!(
-            "  flow {id}: bias {:+.2} {:+.2} m/s, scale {:+.1} %, turned {:+.1} deg, {:.0} +- {:.0} ms late: {}",
+            "  flow {id}: bias {:+.4} {:+.4} rad/s, scale {:+.1} %, turned {:+.1} deg, {:.0} +- {:.0} ms late: {}",
             x[0],
             x[1],
             100.0 * x[2],
