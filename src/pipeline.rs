@@ -75,6 +75,10 @@ impl Pipeline {
                 }
                 self.samples = self.samples.wrapping_add(1);
                 let solution = self.navigator.solution()?;
+                if self.navigator.is_relative() {
+                    // The autopilot has no frame either: ours is the one.
+                    self.outbound.origin_shared();
+                }
                 self.outbound.step(&solution, out);
                 Some(solution)
             }

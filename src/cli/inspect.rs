@@ -112,9 +112,9 @@ pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<
             "the IMU comes at {rate:.1} Hz, too slow to integrate: Holdover needs {LEAST_IMU_HZ} Hz or more; it holds {heard_names}"
         ));
     }
-    if heard[SampleKind::Gnss as usize] == 0 {
+    if heard[SampleKind::Gnss as usize] == 0 && heard[SampleKind::Flow as usize] == 0 {
         return Some(format!(
-            "no GNSS (GPS_RAW_INT): there is no place to start from; it holds {heard_names}"
+            "no GNSS (GPS_RAW_INT) to start from, and no optical flow to do without; it holds {heard_names}"
         ));
     }
     None

@@ -26,6 +26,7 @@ use super::stream::ImuStream;
 use super::timeline::Timeline;
 use super::vehicle::VehicleState;
 use crate::navigator::tuning::core::{LANDMARKS_CARRY_S, REMEMBERED};
+use crate::navigator::tuning::relative::PLACE_SIGMA_M;
 
 /// How the body stands and turns, as it is published.
 #[derive(Clone, Copy, Debug)]
@@ -220,6 +221,24 @@ impl Core {
     fn begin_publishing(&mut self) {
         self.published.begin();
         self.outage.end_budget();
+    }
+
+    /// There was never a fix: Holdover from the beginning, at a place that is exact by definition.
+    pub(super) fn start_relative(
+        &mut self,
+        now: AutopilotTime,
+        facts: &SourceFacts,
+        at_rest: bool,
+        calibration: &Matrix4<f64>,
+    ) {
+        let start = Self::start_point(&self.settings, &self.height, facts);
+        let start = StartPoint { position_sigma_m: PLACE_SIGMA_M, ..start };
+        self.estimator.align_without_gnss(now, &start, at_rest);
+        self.begin_publishing();
+        let exact = Matrix2::identity() * PLACE_SIGMA_M.powi(2);
+        self.outage.begin_budget(&self.settings.holdover, exact, calibration);
+        self.outage.begin();
+        self.change_mode(now, Mode::Holdover, TransitionReason::NoGnss);
     }
 
     /// GNSS is lost: what it added slowly is taken back, and dead reckoning begins.

@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 
-use crate::geo::{Geodetic, LocalNed, Ned, earth_rate_ned, gravity::gravity_ned, magnetic_field};
+use crate::geo::{
+    Geodetic, LocalNed, NOMINAL_GRAVITY_MPS2, Ned, earth_rate_ned, gravity::gravity_ned, magnetic_field,
+};
 use crate::navigator::tuning::environment::{DEFAULT_YEAR, FARTHEST_ORIGIN_M, YEAR_TOLERANCE};
 
 /// A place, as far as navigation is concerned.
@@ -15,6 +17,8 @@ pub(super) struct LocalEnvironment {
     pub(super) earth_rate_ned: Vector3<f64>,
     /// T; `None` where the model has none.
     pub(super) field_ned: Option<Vector3<f64>>,
+    /// Somebody has told where on Earth it is: a receiver, or the autopilot.
+    pub(super) placed: bool,
 }
 
 impl LocalEnvironment {
@@ -24,6 +28,18 @@ impl LocalEnvironment {
             gravity_ned: gravity_ned(origin.latitude_rad, origin.height_m),
             earth_rate_ned: earth_rate_ned(origin.latitude_rad),
             field_ned: magnetic_field(&origin, decimal_year).ok().map(Ned::raw),
+            placed: true,
+        }
+    }
+
+    /// Somewhere: gravity is nominal, north is where the magnetic field points that was measured, NED, T.
+    fn somewhere(field_ned: Vector3<f64>) -> Self {
+        Self {
+            frame: LocalNed::new(Geodetic { latitude_rad: 0.0, longitude_rad: 0.0, height_m: 0.0 }),
+            gravity_ned: Vector3::new(0.0, 0.0, NOMINAL_GRAVITY_MPS2),
+            earth_rate_ned: Vector3::zeros(),
+            field_ned: Some(field_ned),
+            placed: false,
         }
     }
 }
@@ -64,6 +80,7 @@ impl Surroundings {
         }
         match &self.environment {
             None => OriginVerdict::First,
+            Some(e) if !e.placed => OriginVerdict::First,
             Some(e) if e.frame.origin() == *origin => OriginVerdict::Known,
             Some(e) => match e.frame.to_ned(origin) {
                 moved if moved.norm() > FARTHEST_ORIGIN_M => OriginVerdict::Implausible,
@@ -77,11 +94,27 @@ impl Surroundings {
         self.environment = Some(LocalEnvironment::at(origin, self.decimal_year));
     }
 
+    /// Nobody tells the place: a frame that begins where the vehicle is.
+    pub(super) fn settle_somewhere(&mut self, field_ned: Vector3<f64>) {
+        self.environment = Some(LocalEnvironment::somewhere(field_ned));
+    }
+
+    /// Nobody tells the place, but it should be near this one.
+    pub(super) fn settle_about(&mut self, place: Geodetic) {
+        self.environment =
+            Some(LocalEnvironment { placed: false, ..LocalEnvironment::at(place, self.decimal_year) });
+    }
+
+    /// Whether it is known where on Earth the frame lies.
+    pub(super) fn placed(&self) -> bool {
+        self.environment.as_ref().is_some_and(|e| e.placed)
+    }
+
     /// The date, as decimal year.
     pub(super) fn set_date(&mut self, decimal_year: f64) {
         if (decimal_year - self.decimal_year).abs() > YEAR_TOLERANCE && decimal_year.is_finite() {
             self.decimal_year = decimal_year;
-            if let Some(origin) = self.environment.as_ref().map(|e| e.frame.origin()) {
+            if let Some(origin) = self.environment.as_ref().filter(|e| e.placed).map(|e| e.frame.origin()) {
                 self.settle(origin);
             }
         }

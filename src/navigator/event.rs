@@ -30,6 +30,8 @@ pub enum EventKind {
         /// Why.
         reason: TransitionReason,
     },
+    /// The frame that began where the vehicle was has a place on Earth; north was off by so much, rad.
+    Placed(f64),
     /// The frame's origin was set or moved; the distance it moved, m.
     Origin(f64),
     /// The published position had to jump by this much, m; the reset counter changed.
@@ -125,6 +127,8 @@ pub enum TransitionReason {
     Aligned,
     /// GNSS is lost.
     GnssLost(GnssFault),
+    /// There was never a fix: position is relative to where it began.
+    NoGnss,
     /// GNSS is trusted again.
     GnssBack,
     /// The position has glided back to GNSS.
@@ -150,6 +154,7 @@ impl fmt::Display for TransitionReason {
         match self {
             TransitionReason::Aligned => write!(f, "aligned"),
             TransitionReason::GnssLost(fault) => write!(f, "GNSS {}", fault.reason()),
+            TransitionReason::NoGnss => write!(f, "no GNSS, relative to here"),
             TransitionReason::GnssBack => write!(f, "GNSS is back"),
             TransitionReason::Joined => write!(f, "joined GNSS"),
             TransitionReason::Uncertain(sigma) => write!(f, "uncertainty {sigma:.0} m"),
@@ -168,6 +173,7 @@ impl EventKind {
     pub const fn code(&self) -> &'static str {
         match self {
             EventKind::Mode { .. } => "mode",
+            EventKind::Placed(_) => "placed",
             EventKind::Origin(_) => "origin",
             EventKind::Reset(_) => "position-reset",
             EventKind::WalkedBack(_) => "gnss-walk-undone",
@@ -207,6 +213,7 @@ impl EventKind {
             EventKind::Mode { from, to, reason } => {
                 write!(f, "{} -> {}: {reason}", from.label(), to.label())
             }
+            EventKind::Placed(by) => write!(f, "place known, heading turned {:+.0} deg", by.to_degrees()),
             EventKind::Origin(m) if *m == 0.0 => write!(f, "origin set"),
             EventKind::Origin(m) => write!(f, "origin moved by {m:.2} m"),
             EventKind::Reset(m) => write!(f, "position reset by {m:.1} m"),

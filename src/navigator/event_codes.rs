@@ -23,6 +23,11 @@ pub const EVENTS: &[EventCode] = &[
         "Holdover: GNSS is lost or distrusted, fly home or land while the uncertainty allows it. Lost: do not rely on the position.",
     ),
     event(
+        "placed",
+        "Navigation that began without GNSS has learned where on Earth it is; north was magnetic until then.",
+        "Nothing.",
+    ),
+    event(
         "origin",
         "The local frame's origin was set, or moved with the autopilot's.",
         "Nothing; in flight it should not happen.",
@@ -135,6 +140,7 @@ mod tests {
         let fault = Fault::Noise { variance_factor: 4.0 };
         let kinds = [
             mode,
+            EventKind::Placed(0.1),
             EventKind::Origin(1.0),
             EventKind::Reset(1.0),
             EventKind::WalkedBack(1.0),

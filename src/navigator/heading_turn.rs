@@ -6,68 +6,72 @@ use crate::filter::HeadingEstimate;
 use crate::geo::so3;
 use crate::time::AutopilotTime;
 
-use super::Navigator;
+use super::core::Core;
 use super::event::EventKind;
 use super::monitor::GnssFault;
 use super::monitor::heading_witness::Turn;
 use super::reset::Reset;
 use super::solution::Mode;
+use super::sources::SourceSet;
 use super::sources::gnss::FixReading;
 use crate::navigator::tuning::heading_witness::{GYRO_BIAS_SIGMA, SPEED_SIGMA, TILT_SIGMA};
 
-impl Navigator {
-    /// A fix, whatever the monitor made of it: `verdict`. Where GNSS agrees with itself, and a turn of the heading makes the accelerometers
-    /// agree with it, the heading is wrong, and GNSS is not.
-    pub(super) fn witness_heading(
-        &mut self,
-        now: AutopilotTime,
-        reading: &FixReading,
-        fault: Option<GnssFault>,
-    ) {
-        let core = &mut self.core;
-        let seen = reading.velocity_ne.zip(core.timeline.impulse(reading.measured));
-        let sound = fault != Some(GnssFault::Inconsistent) && core.mode != Mode::Aligning;
-        let Some((velocity_ne, impulse)) = seen.filter(|_| sound) else {
-            return core.heading_witness.forget();
-        };
-        core.heading_witness.observe(reading.measured, &velocity_ne, &impulse.xy());
-        if core.estimator.has_error_state()
-            && let Some(turn) = core.heading_witness.contradiction()
-        {
-            self.turn_heading(now, reading, &turn);
-        }
+/// A fix, whatever the monitor made of it: `verdict`. Where GNSS agrees with itself, and a turn of the heading makes the accelerometers
+/// agree with it, the heading is wrong, and GNSS is not.
+pub(super) fn witness(
+    core: &mut Core,
+    sources: &mut SourceSet,
+    now: AutopilotTime,
+    reading: &FixReading,
+    fault: Option<GnssFault>,
+) {
+    let seen = reading.velocity_ne.zip(core.timeline.impulse(reading.measured));
+    let sound = fault != Some(GnssFault::Inconsistent) && core.mode != Mode::Aligning;
+    let Some((velocity_ne, impulse)) = seen.filter(|_| sound) else {
+        return core.heading_witness.forget();
+    };
+    core.heading_witness.observe(reading.measured, &velocity_ne, &impulse.xy());
+    if core.estimator.has_error_state()
+        && let Some(turn) = core.heading_witness.contradiction()
+    {
+        turn_heading(core, sources, now, reading, &turn);
     }
+}
 
-    /// The filter starts anew at the fix with the heading turned, as after a search for it; the magnetometer is not believed until it agrees.
-    fn turn_heading(&mut self, now: AutopilotTime, reading: &FixReading, turn: &Turn) {
-        let facts = self.sources.facts(&self.core);
-        let core = &mut self.core;
-        let Some(state) = core.estimator.filter_state() else { return };
-        let (before, gyro_bias) = (state.position_ned, state.gyro_bias);
-        let velocity_ne = reading.velocity_ne.unwrap_or_else(|| state.velocity_ned.xy());
-        let estimate = HeadingEstimate {
-            r_body_to_ned: so3::exp(&Vector3::new(0.0, 0.0, turn.angle)) * state.r_body_to_ned,
-            velocity_ne,
-            gyro_bias,
-            heading_sigma: turn.sigma,
-            tilt_sigma: TILT_SIGMA,
-            velocity_sigma: SPEED_SIGMA,
-            gyro_bias_sigma: GYRO_BIAS_SIGMA,
-        };
-        let late = now.seconds_since(reading.measured);
-        let position_ne = reading.position_ned.xy() + velocity_ne * late;
-        let position_ned = Vector3::new(position_ne.x, position_ne.y, before.z);
-        let velocity_ned = Vector3::new(velocity_ne.x, velocity_ne.y, -core.height.climb_mps());
-        core.estimator.observer_mut().predictor.reset(now, &position_ned, &velocity_ned);
-        let start = super::core::Core::start_point(&core.settings, &core.height, &facts);
-        core.estimator.align_by_motion(now, &estimate, &start);
-        core.timeline.reset(&Reset::Relocated);
-        core.heading_witness.forget();
-        core.events.tell(now, EventKind::HeadingTurned(turn.angle));
-        self.sources.magnetometer.contradict();
-        let shift = position_ned - before;
-        core.published.stays(&Vector3::new(shift.x, shift.y, 0.0));
-        core.integrity.acquit(now);
-        core.came_back(now);
-    }
+/// The filter starts anew at the fix with the heading turned, as after a search for it; the magnetometer is not believed until it agrees.
+fn turn_heading(
+    core: &mut Core,
+    sources: &mut SourceSet,
+    now: AutopilotTime,
+    reading: &FixReading,
+    turn: &Turn,
+) {
+    let facts = sources.facts(core);
+    let Some(state) = core.estimator.filter_state() else { return };
+    let (before, gyro_bias) = (state.position_ned, state.gyro_bias);
+    let velocity_ne = reading.velocity_ne.unwrap_or_else(|| state.velocity_ned.xy());
+    let estimate = HeadingEstimate {
+        r_body_to_ned: so3::exp(&Vector3::new(0.0, 0.0, turn.angle)) * state.r_body_to_ned,
+        velocity_ne,
+        gyro_bias,
+        heading_sigma: turn.sigma,
+        tilt_sigma: TILT_SIGMA,
+        velocity_sigma: SPEED_SIGMA,
+        gyro_bias_sigma: GYRO_BIAS_SIGMA,
+    };
+    let late = now.seconds_since(reading.measured);
+    let position_ne = reading.position_ned.xy() + velocity_ne * late;
+    let position_ned = Vector3::new(position_ne.x, position_ne.y, before.z);
+    let velocity_ned = Vector3::new(velocity_ne.x, velocity_ne.y, -core.height.climb_mps());
+    core.estimator.observer_mut().predictor.reset(now, &position_ned, &velocity_ned);
+    let start = Core::start_point(&core.settings, &core.height, &facts);
+    core.estimator.align_by_motion(now, &estimate, &start);
+    core.timeline.reset(&Reset::Relocated);
+    core.heading_witness.forget();
+    core.events.tell(now, EventKind::HeadingTurned(turn.angle));
+    sources.magnetometer.contradict();
+    let shift = position_ned - before;
+    core.published.stays(&Vector3::new(shift.x, shift.y, 0.0));
+    core.integrity.acquit(now);
+    core.came_back(now);
 }

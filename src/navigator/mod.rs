@@ -31,6 +31,7 @@ mod landmark_fix;
 pub mod monitor;
 mod observation;
 mod published;
+mod relative;
 mod reset;
 pub mod settings;
 pub mod solution;
@@ -100,6 +101,13 @@ impl Navigator {
     /// The autopilot told its origin: the frame's origin moves there. Height is above mean sea level, as everywhere. False when the
     /// origin is no place, or too far away to be one: nothing has changed then.
     pub fn set_origin(&mut self, time: AutopilotTime, origin: Geodetic) -> bool {
+        if self.core.surroundings.environment().is_some()
+            && !self.core.surroundings.placed()
+            && origin.is_plausible()
+        {
+            relative::put(&mut self.core, time, origin);
+            return true;
+        }
         let moved = match self.core.surroundings.judge(&origin) {
             OriginVerdict::Implausible => return false,
             OriginVerdict::Known => return true,
@@ -187,6 +195,11 @@ impl Navigator {
     pub fn gnss_latency_s(&self) -> (f64, f64) {
         let latency = &self.sources.gnss.latency;
         (latency.latency_s(), latency.sigma_s())
+    }
+
+    /// Whether navigation began without any fix, and no receiver has had one since.
+    pub fn is_relative(&self) -> bool {
+        self.core.integrity.never_good() && self.core.mode != Mode::Aligning
     }
 
     /// What became of everything that every source told.

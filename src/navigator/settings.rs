@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::altimeter::{AltimeterKind, AltimeterSettings};
 use crate::camera::{CalibrationSettings, PatchLimits, PatchTable};
-use crate::geo::CameraMount;
+use crate::geo::{CameraMount, Geodetic};
 
 use crate::filter::error_state::EskfSettings;
 
@@ -71,6 +71,8 @@ pub struct NavigatorSettings {
     pub magnetometer: MagnetometerSettings,
     /// Filter.
     pub kalman: EskfSettings,
+    /// Where nobody has a fix.
+    pub start: StartSettings,
     /// Receiver.
     pub gnss: GnssSettings,
     /// Flow sensor.
@@ -91,6 +93,15 @@ pub struct NavigatorSettings {
     pub holdover: HoldoverSettings,
     /// The way back.
     pub rejoin: RejoinSettings,
+}
+
+/// How to start where no receiver has ever had a fix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StartSettings {
+    /// A vehicle with optical flow that has heard no fix for this long starts without, s; `None`: it waits.
+    pub without_gnss_s: Option<f64>,
+    /// Where that is, if it is known.
+    pub place: Option<Geodetic>,
 }
 
 /// Settings of the IMU's stream.

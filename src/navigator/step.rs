@@ -15,7 +15,7 @@ use super::stream::Heard;
 use super::timeline::Snapshot;
 use super::vehicle::VehicleState;
 use super::verdict::{Reason, Verdict};
-use super::{Mode, Navigator, landmark_fix};
+use super::{Mode, Navigator, landmark_fix, relative};
 use crate::navigator::tuning::step::{HELD_FIELD_S, LONG_STEP_S};
 use crate::time::AutopilotTime;
 
@@ -44,6 +44,9 @@ impl Navigator {
             self.core.estimator.doubt(dt);
         }
         let verdict = self.step(s, dt);
+        if self.core.mode == Mode::Aligning {
+            relative::consider(&mut self.core, &mut self.sources, s);
+        }
         if self.core.mode == Mode::Aligning && self.core.estimator.observer_mut().alignment.tells(s.time) {
             let facts = self.sources.facts(&self.core);
             let waits = self.core.waits_for(s.time, &facts);

@@ -18,7 +18,7 @@ use super::sources::flow::{FlowInput, MeasuredFlow, PatchArrival};
 use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
-use super::{Mode, Navigator};
+use super::{Mode, Navigator, heading_turn, relative};
 
 impl Navigator {
     /// What a source observed goes to the estimator, and what became of it to everybody whom it concerns.
@@ -148,6 +148,9 @@ impl Navigator {
         self.core.integrity.admit(s)?;
         let position = s.position.ok_or(GnssFault::NoFix)?;
         self.sources.gnss.had_fix(s);
+        if self.core.surroundings.environment().is_some() && !self.core.surroundings.placed() {
+            relative::place(&mut self.core, now, &position);
+        }
         let Some(environment) = self.core.surroundings.environment() else {
             self.core.settle(now, position);
             return Ok(());
@@ -191,11 +194,11 @@ impl Navigator {
         let standing = match judged {
             Ok(standing) => standing,
             Err(fault) => {
-                self.witness_heading(now, reading, Some(fault));
+                heading_turn::witness(&mut self.core, &mut self.sources, now, reading, Some(fault));
                 return Err(fault);
             }
         };
-        self.witness_heading(now, reading, None);
+        heading_turn::witness(&mut self.core, &mut self.sources, now, reading, None);
         let core = &mut self.core;
         // A receiver that comes back at another height is not where it says.
         let height_m = -reading.position_ned.z;

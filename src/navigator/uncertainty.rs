@@ -19,6 +19,8 @@ impl Core {
     fn anchor_sigma_m(&self, facts: &SourceFacts) -> f64 {
         match facts.landmark_fix {
             Some((_, survey_sigma_m)) if self.dead_reckoning() => survey_sigma_m,
+            // Where it began is where it is zero.
+            _ if self.integrity.never_good() => 0.0,
             _ => facts.gnss_sigma_m,
         }
     }
@@ -56,9 +58,10 @@ impl Core {
         let mut v = Matrix3::identity();
         p.fixed_view_mut::<2, 2>(0, 0).copy_from(&p_ne);
         v.fixed_view_mut::<2, 2>(0, 0).copy_from(&v_ne);
+        let receiver_m = if self.integrity.never_good() { 0.0 } else { facts.gnss_sigma_m };
         // The height filter averages what a receiver's height is wrong by over minutes, and takes it for the barometer's offset.
         p[(2, 2)] = self.height.height_sigma_m().powi(2)
-            + (VERTICAL_RATIO * facts.gnss_sigma_m).powi(2)
+            + (VERTICAL_RATIO * receiver_m).powi(2)
             + self.published.height_offset_m().powi(2);
         v[(2, 2)] = self.height.climb_sigma_mps().powi(2);
         (p, v)

@@ -13,6 +13,7 @@ mod link;
 mod navigator;
 mod observer;
 mod outbound;
+mod start;
 mod streams;
 mod vehicle;
 
@@ -40,6 +41,7 @@ pub(super) struct AllKeys {
     log: outbound::LogKeys,
     navigator: navigator::NavigatorKeys,
     holdover: holdover::HoldoverKeys,
+    start: start::StartKeys,
     gnss: gnss::GnssKeys,
     magnetometer: imu::MagnetometerKeys,
     airspeed: air::AirspeedKeys,
@@ -79,6 +81,7 @@ pub static SECTIONS: &[Section] = &[
     navigator::NavigatorKeys::SECTION,
     holdover::HoldoverKeys::SECTION,
     gnss::GnssKeys::SECTION,
+    start::StartKeys::SECTION,
     imu::MagnetometerKeys::SECTION,
     air::AirspeedKeys::SECTION,
     air::DragKeys::SECTION,
@@ -159,6 +162,7 @@ impl AllKeys {
                 sigma_t: tuning.magnetometer.noise_ut * 1e-6,
             },
             kalman: tuning.filter.settings(tuning.drag.coefficient_sigma_per_s),
+            start: self.start.settings(complain),
             gnss: self.gnss.settings(&tuning.gnss),
             flow: self.flow.settings(&tuning.flow, &self.cameras, complain),
             air: self.airspeed.settings(&tuning.airspeed),

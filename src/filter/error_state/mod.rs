@@ -250,6 +250,15 @@ impl Eskf {
         self.sound && self.state.is_finite()
     }
 
+    /// North was elsewhere: attitude and velocity are turned about the vertical by `angle`, rad; positions stay.
+    pub fn turn(&mut self, angle: f64) {
+        self.propagate_covariance();
+        let turn = exp(&Vector3::new(0.0, 0.0, angle));
+        self.state.r_body_to_ned = turn * self.state.r_body_to_ned;
+        self.state.velocity_ned = turn * self.state.velocity_ned;
+        self.pending = ErrorTransition::new(self.state.r_body_to_ned);
+    }
+
     /// Moves the origin: positions become smaller by `moved`.
     pub fn shift_origin(&mut self, moved_ned: &Vector3<f64>) {
         self.state.position_ned -= moved_ned;

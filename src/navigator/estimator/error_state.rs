@@ -19,8 +19,9 @@ use super::super::sources::status::Measured;
 use super::super::timeline::Timeline;
 use super::step::{Progress, StepInput, Stepped, Watch};
 use crate::navigator::tuning::error_state::{
-    BRIDGE_STEP_S, HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, MIN_UPRIGHT, START_ACCEL_BIAS,
-    START_GYRO_BIAS, START_TILT, START_VELOCITY, START_YAW, UNKNOWN_ACCELERATION, UNKNOWN_RATE,
+    BRIDGE_STEP_S, HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, MIN_UPRIGHT, MOVING_GYRO_BIAS,
+    MOVING_TILT, MOVING_VELOCITY, MOVING_YAW, START_ACCEL_BIAS, START_GYRO_BIAS, START_TILT, START_VELOCITY,
+    START_YAW, UNKNOWN_ACCELERATION, UNKNOWN_RATE,
 };
 
 /// Standard deviations of what the filter starts from: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s).
@@ -32,6 +33,10 @@ pub(super) struct StartSigmas {
 }
 
 impl StartSigmas {
+    /// Of an observer that has found the attitude in motion, by accelerometers alone: what they felt was not only gravity.
+    pub(super) const IN_MOTION: Self =
+        Self { tilt: MOVING_TILT, yaw: MOVING_YAW, velocity: MOVING_VELOCITY, gyro_bias: MOVING_GYRO_BIAS };
+
     /// Of an observer that has found the attitude.
     pub(super) const OBSERVED: Self =
         Self { tilt: START_TILT, yaw: START_YAW, velocity: START_VELOCITY, gyro_bias: START_GYRO_BIAS };

@@ -277,6 +277,27 @@ impl EstimatorStack {
         }
     }
 
+    /// North was elsewhere: everything is turned about the vertical, rad.
+    pub(super) fn turn(&mut self, now: AutopilotTime, angle: f64) {
+        if let Some(stage) = self.error_state_mut() {
+            stage.filter_mut().turn(angle);
+        }
+        self.observer.turn(angle);
+        if let Some((position_ned, velocity_ned)) = self.estimate() {
+            self.observer.predictor.reset(now, &position_ned, &velocity_ned);
+        }
+    }
+
+    /// The vehicle is at `position_ned` with `velocity_ned`, m and m/s, at the start where no fix says so.
+    pub(super) fn stand_at(
+        &mut self,
+        now: AutopilotTime,
+        position_ned: &Vector3<f64>,
+        velocity_ned: &Vector3<f64>,
+    ) {
+        self.observer.predictor.reset(now, position_ned, velocity_ned);
+    }
+
     /// The horizontal position is known anew, with this standard deviation, by what the error-state filter has no model for. False when
     /// that does not run.
     pub(super) fn reset_position(&mut self, by_ne: &Vector2<f64>, sigma_m: f64) -> bool {
@@ -382,6 +403,13 @@ impl EstimatorStack {
     pub(super) fn align(&mut self, now: AutopilotTime, from: &StartPoint<'_>) {
         self.observer.take_signal_over();
         self.start_filter(now, from);
+    }
+
+    /// The attitude was found without GNSS, at rest or in motion: the stage starts.
+    pub(super) fn align_without_gnss(&mut self, now: AutopilotTime, from: &StartPoint<'_>, at_rest: bool) {
+        self.observer.take_signal_over();
+        let known = if at_rest { StartSigmas::OBSERVED } else { StartSigmas::IN_MOTION };
+        self.start_filter_as(now, from, &known);
     }
 
     /// The heading was found from motion: observer and stage start there.

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::geo::polar_rotation;
+use crate::geo::{polar_rotation, so3};
 use crate::observer::fusini::FlowBiasForm;
 use crate::observer::triad::normalised_triad;
 use crate::observer::{
@@ -86,6 +86,8 @@ fn tuned_fusini(settings: &ObserverSettings) -> FusiniParams {
 /// independent.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct AttitudeSearch {
+    /// When the first sample came, and when the search began that is going on.
+    began: Option<AutopilotTime>,
     started: Option<AutopilotTime>,
     /// When the attitude got its first guess.
     attitude_started: Option<AutopilotTime>,
@@ -102,6 +104,7 @@ pub(in super::super) struct AttitudeSearch {
 impl AttitudeSearch {
     /// The search begins, or begins anew: what came before there was a place could not be used.
     pub(in super::super) fn start(&mut self, time: AutopilotTime) {
+        self.began.get_or_insert(time);
         self.started = Some(time);
     }
 
@@ -109,6 +112,11 @@ impl AttitudeSearch {
     pub(in super::super) fn forget(&mut self) {
         self.calm_since = None;
         self.heard_s = 0.0;
+    }
+
+    /// Seconds since the first sample.
+    pub(in super::super) fn seconds_since_first(&self, now: AutopilotTime) -> f64 {
+        self.began.map_or(0.0, |t| now.seconds_since(t))
     }
 
     /// How far the attitude may be off, as far as the injections tell: about √2 times the angle, rad.
@@ -231,6 +239,16 @@ impl ObserverStage {
         if let (Some(w), Some(state)) = (self.predictor.latest(), &mut self.state) {
             state.position_ned = w.position_ned;
             state.velocity_ned = w.velocity_ned;
+        }
+    }
+
+    /// North was elsewhere: what is estimated is turned about the vertical, rad.
+    pub(super) fn turn(&mut self, angle: f64) {
+        let turn = so3::exp(&Vector3::new(0.0, 0.0, angle));
+        if let Some(state) = &mut self.state {
+            state.r_hat = turn * state.r_hat;
+            state.velocity_ned = turn * state.velocity_ned;
+            state.xi_ned = turn * state.xi_ned;
         }
     }
 

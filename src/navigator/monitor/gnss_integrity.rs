@@ -184,6 +184,11 @@ impl GnssIntegrity {
         self.state
     }
 
+    /// Whether there was never a fix that passed every test.
+    pub fn never_good(&self) -> bool {
+        self.last_good.is_none()
+    }
+
     /// Whether GNSS is trusted.
     pub fn trusted(&self) -> bool {
         self.state == GnssState::Trusted

@@ -30,6 +30,8 @@ struct SameField {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct MagnetometerSource {
     newest: Option<(AutopilotTime, Vector3<f64>)>,
+    /// The newest of any strength and direction, body, T.
+    heard: Option<Vector3<f64>>,
     same: Option<SameField>,
     /// Mean of how much steeper it dips than Earth's field, rad, over how long, s, and since when.
     dip: (f64, f64),
@@ -44,6 +46,13 @@ impl MagnetometerSource {
     /// The newest field, body, T.
     pub(super) fn newest(&self) -> Option<(AutopilotTime, Vector3<f64>)> {
         self.newest
+    }
+
+    /// The field that the newest sample shows to whom `down_body` points to the ground, NED with north where it points, T.
+    pub(in super::super) fn field_by(&self, down_body: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let field = self.heard?;
+        let down = field.dot(down_body);
+        Some(Vector3::new((field - down_body * down).norm(), 0.0, down))
     }
 
     pub(in super::super) fn observe(
@@ -62,6 +71,7 @@ impl MagnetometerSource {
         if self.newest.is_some_and(|(t, _)| s.time < t) {
             return Err(Reason::OutOfOrder);
         }
+        self.heard = Some(s.field.raw()).filter(|_| norm > 0.0);
         let field_ned = context
             .core
             .surroundings

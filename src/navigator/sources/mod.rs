@@ -75,7 +75,7 @@ impl SourceSet {
         SourceFacts {
             magnetic: self.magnetometer.newest(),
             flow_velocity: self.flow.velocity_body(),
-            flow_trusted: self.flow.carrier().is_some(),
+            flow_trusted: self.flow.carrier(core).is_some(),
             range: range.filter(believed).and_then(rangefinder::RangefinderSource::newest),
             rangefinder_heard: range.is_some_and(|r| r.newest().is_some()),
             disputed_ratio: core

@@ -406,6 +406,11 @@ impl StatusBoard {
         }
     }
 
+    /// When a source of this kind was heard last.
+    pub(in super::super) fn last_heard(&self, kind: SourceKind) -> Option<AutopilotTime> {
+        self.of_kind(kind).filter_map(|s| s.last_heard).max()
+    }
+
     /// Samples of a kind that were used.
     pub fn used(&self, kind: SampleKind) -> u64 {
         self.of_kind(kind.into()).map(|s| s.used).sum()

@@ -96,6 +96,14 @@ pub(in crate::navigator) mod published {
     pub(in crate::navigator) const ORIGIN_MOVED_M: f64 = 0.01;
 }
 
+/// Where there was never any GNSS.
+pub(in crate::navigator) mod relative {
+    /// Where it begins is known to this, by definition, m.
+    pub(in crate::navigator) const PLACE_SIGMA_M: f64 = 0.05;
+    /// A flow sensor is there when it has been heard within this, s, whatever came of it.
+    pub(in crate::navigator) const FLOW_HEARD_S: f64 = 1.0;
+}
+
 /// The IMU step.
 pub(in crate::navigator) mod step {
     /// A step longer than this leaves room for what was not seen, s.

@@ -31,6 +31,11 @@ pub(in crate::navigator) mod error_state {
     pub(in crate::navigator) const START_VELOCITY: f64 = 0.7;
     pub(in crate::navigator) const START_GYRO_BIAS: f64 = 0.005;
     pub(in crate::navigator) const START_ACCEL_BIAS: f64 = 0.15;
+    /// The same where the attitude was found in motion and no GNSS told what the motion was.
+    pub(in crate::navigator) const MOVING_TILT: f64 = 0.15;
+    pub(in crate::navigator) const MOVING_YAW: f64 = 0.35;
+    pub(in crate::navigator) const MOVING_VELOCITY: f64 = 2.0;
+    pub(in crate::navigator) const MOVING_GYRO_BIAS: f64 = 0.01;
     /// The magnetometer is fused this often, s: its errors are not white.
     pub(in crate::navigator) const MAGNETIC_PERIOD_S: f64 = 0.1;
     /// The height is fused this often, s.

@@ -9,7 +9,7 @@ mod sensing;
 
 pub(super) use decisions::{
     budget, core, environment, gnss_integrity, heading_witness, height, landmark_fix, outage, published,
-    step, stream, uncertainty, vehicle,
+    relative, step, stream, uncertainty, vehicle,
 };
 pub(super) use estimation::{error_state, estimator, estimator_step, exogenous, heading, observer};
 pub(super) use sensing::{

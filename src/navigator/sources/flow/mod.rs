@@ -12,6 +12,7 @@ use crate::sample::FlowSample;
 use crate::time::AutopilotTime;
 
 use super::super::context::Context;
+use super::super::core::Core;
 use super::super::event::EventKind;
 use super::super::monitor::outage::CarriedBy;
 use super::super::observation::Observation;
@@ -72,6 +73,15 @@ impl FlowSensor {
                 self.same = Some((s.time, s.rate_xy));
                 false
             }
+        }
+    }
+
+    /// Whether it may carry: GNSS has proven it, or there was never a GNSS to prove it by, and its errors are those of any such sensor.
+    fn may_carry(&self, core: &Core) -> bool {
+        match self.trust {
+            Ok(()) => true,
+            Err(Distrust::NotCompared) => core.integrity.never_good(),
+            Err(_) => false,
         }
     }
 
@@ -312,15 +322,13 @@ impl FlowSource {
         let id = sensor.id;
         let event =
             trust.map_or_else(|why| EventKind::FlowDistrusted(id, why), |()| EventKind::FlowTrusted(id));
-        Ok(Comparison {
-            observation: self.observation(m, index, core.settings.observer.flow_bias),
-            event: changed.then_some(event),
-        })
+        Ok(Comparison { observation: self.observation(m, index, context), event: changed.then_some(event) })
     }
 
     /// For the estimator, if this is the sensor that it uses: the first that is trusted.
-    fn observation(&self, m: &MeasuredFlow, index: usize, form: FlowBiasSource) -> Option<Observation> {
-        (self.carrier() == Some(index)).then(|| self.sensors[index].observation(m, form))
+    fn observation(&self, m: &MeasuredFlow, index: usize, context: &Context<'_>) -> Option<Observation> {
+        let form = context.core.settings.observer.flow_bias;
+        (self.carrier(context.core) == Some(index)).then(|| self.sensors[index].observation(m, form))
     }
 
     /// GNSS is gone: the flow is to carry the velocity.
@@ -335,14 +343,16 @@ impl FlowSource {
             return Err(Reason::SwitchedOff);
         }
         let sensor = &self.sensors[index];
-        sensor.trust?;
+        if !sensor.may_carry(context.core) {
+            sensor.trust?;
+        }
         let form = settings.observer.flow_bias;
         let corrected = sensor.corrected(m, form);
         let v_body = m.in_body(&corrected, context.core.height.climb_mps());
         let v_ned = m.r_body_to_ned * v_body;
         let noise = m.noise * sensor.calibration.noise_factor();
         Ok(Carry {
-            observation: self.observation(m, index, form),
+            observation: self.observation(m, index, context),
             patient: sensor.outliers_s < RELOCK_S,
             signal: FixSample {
                 stamp: m.time,
@@ -374,8 +384,8 @@ impl FlowSource {
     }
 
     /// The sensor that the estimator uses: the first that is trusted.
-    pub(super) fn carrier(&self) -> Option<usize> {
-        self.sensors.iter().position(|f| f.trust.is_ok())
+    pub(super) fn carrier(&self, core: &Core) -> Option<usize> {
+        self.sensors.iter().position(|f| f.may_carry(core))
     }
 
     /// Fusini's low pass of the velocity bias; not while the attitude is still being found, whose error it would take for a bias.
@@ -397,7 +407,8 @@ impl FlowSource {
 
     /// The covariance of [b_x, b_y, s, μ] of the sensor that will carry.
     pub(in super::super) fn calibration_covariance(&self, settings: &FlowSettings) -> Matrix4<f64> {
-        let carrier = self.carrier().map(|i| *self.sensors[i].calibration.covariance());
+        let trusted = self.sensors.iter().position(|f| f.trust.is_ok());
+        let carrier = trusted.map(|i| *self.sensors[i].calibration.covariance());
         carrier.unwrap_or_else(|| *FlowCalibration::new(settings.calibration).covariance())
     }
 
