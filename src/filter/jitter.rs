@@ -124,6 +124,6 @@ mod tests {
     fn a_vibration_at_one_frequency_counts_for_less_than_its_size() {
         let tone =
             |t: f64| Vector3::repeat(0.1 * 2f64.sqrt() * (2.0 * std::f64::consts::PI * 70.0 * t).sin());
-        assert!(density(false, tone) < 0.25 * 0.1 * DT.sqrt());
+        assert!(density(false, tone) < 0.5 * 0.1 * DT.sqrt());
     }
 }

@@ -219,12 +219,18 @@ impl EventKind {
             EventKind::Reset(m) => write!(f, "position reset by {m:.1} m"),
             EventKind::WalkedBack(m) => write!(f, "took back {m:.1} m of GNSS drift"),
             EventKind::Receiver(n) => write!(f, "using GNSS receiver {n}"),
+            EventKind::Carried(source) => write!(f, "carried by {}", source.label()),
+            EventKind::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
+            _ => Ok(()),
+        }
+    }
+
+    fn write_heading(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            EventKind::Waits(waits) => write!(f, "aligning: {waits}"),
             EventKind::FilterRestarted(apart) => {
                 write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
             }
-            EventKind::Carried(source) => write!(f, "carried by {}", source.label()),
-            EventKind::Bridged(s) => write!(f, "IMU silent for {s:.1} s: carried over"),
-            EventKind::Waits(waits) => write!(f, "aligning: {waits}"),
             EventKind::HeadingSought => {
                 write!(f, "no magnetometer: heading from GNSS acceleration, needs motion")
             }
@@ -281,6 +287,7 @@ impl fmt::Display for EventKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Each writes what is its own, and nothing else.
         self.write_position(f)?;
+        self.write_heading(f)?;
         self.write_sensors(f)?;
         self.write_landmarks(f)
     }

@@ -21,6 +21,7 @@ mod bad_input;
 mod believed;
 mod dead_reckoning;
 mod hostile;
+mod lacking;
 mod modes;
 mod patches;
 mod random_samples;

@@ -204,13 +204,12 @@ impl ErrorStateStage {
         fused: &mut Fused,
     ) {
         match observation {
-            Observation::Magnetic { field_body, field_ned, sigma_t } => {
-                if now >= self.magnetic_due {
-                    self.magnetic_due = now + Span::from_seconds(MAGNETIC_PERIOD_S);
-                    let result = self.filter.fuse_magnetic(field_body, field_ned, *sigma_t);
-                    fused.note(Measured::Magnetometer, result);
-                }
+            Observation::Magnetic { field_body, field_ned, sigma_t } if now >= self.magnetic_due => {
+                self.magnetic_due = now + Span::from_seconds(MAGNETIC_PERIOD_S);
+                fused
+                    .note(Measured::Magnetometer, self.filter.fuse_magnetic(field_body, field_ned, *sigma_t));
             }
+            Observation::Magnetic { .. } => {}
             Observation::Fix { measured, position_error, velocity_error, sigma } => {
                 let lag = match timeline.motion(*measured) {
                     Some((_, then)) => self.lag(now, *measured, &then, environment),

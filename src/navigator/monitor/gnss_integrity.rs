@@ -144,6 +144,7 @@ pub struct GnssIntegrity {
     settings: TrustSettings,
     state: GnssState,
     last_good: Option<AutopilotTime>,
+    ever_good: bool,
     good_since: Option<AutopilotTime>,
     last_bad: Option<(AutopilotTime, GnssFault)>,
     lost_by: GnssFault,
@@ -166,6 +167,7 @@ impl GnssIntegrity {
             settings,
             state: GnssState::Untrusted(GnssFault::Silence),
             last_good: None,
+            ever_good: false,
             good_since: None,
             last_bad: None,
             lost_by: GnssFault::Silence,
@@ -184,9 +186,9 @@ impl GnssIntegrity {
         self.state
     }
 
-    /// Whether there was never a fix that passed every test.
+    /// Whether there was never a fix that passed every test, whatever has rebooted since.
     pub fn never_good(&self) -> bool {
-        self.last_good.is_none()
+        !self.ever_good
     }
 
     /// Whether GNSS is trusted.
@@ -273,6 +275,7 @@ impl GnssIntegrity {
     /// Notes that a fix passed every test. True when GNSS became trusted by it.
     pub fn good(&mut self, time: AutopilotTime, standing: Standing) -> bool {
         let since = *self.good_since.get_or_insert(time);
+        self.ever_good = true;
         let interval = self.last_good.replace(time).map(|last| time.seconds_since(last));
         if let Some(dt) = interval.filter(|dt| (0.0..SLOWEST_S).contains(dt)) {
             let gain = if self.interval_s > 0.0 { INTERVAL_GAIN } else { 1.0 };
@@ -346,7 +349,7 @@ impl GnssIntegrity {
         match reset {
             Reset::OriginMoved(_) => self.forget_track(),
             Reset::Reboot => self.height_fault(false),
-            Reset::ClockSetBack => *self = Self::new(self.settings),
+            Reset::ClockSetBack => *self = Self { ever_good: self.ever_good, ..Self::new(self.settings) },
             Reset::Relocated | Reset::Bridged | Reset::StreamBroken => {}
         }
     }

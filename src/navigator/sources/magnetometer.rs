@@ -36,7 +36,7 @@ pub(in super::super) struct MagnetometerSource {
     /// Mean of how much steeper it dips than Earth's field, rad, over how long, s, and since when.
     dip: (f64, f64),
     dip_heard: Option<AutopilotTime>,
-    /// Motion has contradicted it …
+    /// Motion has contradicted it, or its dip …
     contradicted: bool,
     /// … and since when it has agreed with the heading again.
     agrees_since: Option<AutopilotTime>,
@@ -82,6 +82,8 @@ impl MagnetometerSource {
             return Err(Reason::FieldStrength);
         }
         if self.is_dipped(s, &field_ned, context) {
+            // At another heading the same iron may leave the dip right, and the heading wrong.
+            self.contradict();
             return Err(Reason::FieldDirection);
         }
         if context.is_late(s.time, LATE_S) {
@@ -157,9 +159,11 @@ impl MagnetometerSource {
         if !self.contradicted {
             return true;
         }
+        // Before there is a heading to set it against, a dip that is right has to do.
+        let judged = context.core.estimator.has_error_state();
         let seen = context.core.attitude.r_body_to_ned * s.field.raw();
         let angle = (seen.x * field_ned.y - seen.y * field_ned.x).atan2(seen.xy().dot(&field_ned.xy()));
-        self.agrees_since = self.agrees_since.or(Some(s.time)).filter(|_| angle.abs() < AGREES);
+        self.agrees_since = self.agrees_since.or(Some(s.time)).filter(|_| !judged || angle.abs() < AGREES);
         false
     }
 

@@ -135,13 +135,7 @@ impl ImageAssembly {
             height_m: DISTANCE_SIGMA_M.hypot(relative_sigma * height_m),
             rate_radps: 0.0,
         };
-        let limits = SolveLimits {
-            max_tilt_rad: settings.limits.max_tilt_rad,
-            min_height_m: settings.limits.min_distance_m,
-            max_height_m: settings.limits.max_distance_m,
-            max_dilution: MAX_DILUTION,
-            ..SolveLimits::default()
-        };
+        let limits = solve_limits(settings);
         // The rotation has been taken out already, patch by patch.
         let solve = |known: Option<&KnownComponent>| {
             solve_velocity(&view, &features, &Vector3::zeros(), known, Method::RANSAC, &noise, &limits)
@@ -196,5 +190,15 @@ impl ImageAssembly {
                 Some(Feature { image, flow: Vector2::from(s.rate_xy) - rotation })
             })
             .collect()
+    }
+}
+
+fn solve_limits(settings: &FlowSettings) -> SolveLimits {
+    SolveLimits {
+        max_tilt_rad: settings.limits.max_tilt_rad,
+        min_height_m: settings.limits.min_distance_m,
+        max_height_m: settings.limits.max_distance_m,
+        max_dilution: MAX_DILUTION,
+        ..SolveLimits::default()
     }
 }

@@ -176,15 +176,7 @@ pub(super) fn of_patch(
         distance_fraction: relative_sigma,
     };
     let seen = single_patch::solve(&patch, mount, &r, &settings.limits, &noise)?;
-    // Two rows from the camera, one from the climb rate.
-    let c = &seen.body_to_measurement;
-    let rows = Matrix3::from_rows(&[c.row(0).into_owned(), c.row(1).into_owned(), r.row(2).into_owned()]);
-    let v = &seen.velocity_camera;
-    let right = Vector3::new(v.x, v.y, -context.core.height.climb_mps());
-    let v_body = rows.try_inverse().ok_or(Reason::Tilt)? * right;
-    if !v_body.iter().all(|v| v.is_finite()) {
-        return Err(Reason::NotFinite);
-    }
+    let v_body = body_velocity(&seen, &r, context.core.height.climb_mps())?;
     Ok(MeasuredFlow {
         time,
         r_body_to_ned: r,
@@ -196,6 +188,19 @@ pub(super) fn of_patch(
         ranged: distance_m.is_some(),
         gyro_offset: gyro_offset(s, &rate_camera),
     })
+}
+
+/// The body's velocity: two rows from the camera, one from the climb rate.
+fn body_velocity(
+    seen: &single_patch::FlowVelocity,
+    r: &Matrix3<f64>,
+    climb_mps: f64,
+) -> Result<Vector3<f64>, Reason> {
+    let c = &seen.body_to_measurement;
+    let rows = Matrix3::from_rows(&[c.row(0).into_owned(), c.row(1).into_owned(), r.row(2).into_owned()]);
+    let v = &seen.velocity_camera;
+    let v_body = rows.try_inverse().ok_or(Reason::Tilt)? * Vector3::new(v.x, v.y, -climb_mps);
+    if v_body.iter().all(|v| v.is_finite()) { Ok(v_body) } else { Err(Reason::NotFinite) }
 }
 
 impl From<FlowRefusal> for Reason {
