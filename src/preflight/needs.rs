@@ -23,6 +23,8 @@ pub struct Needs {
     pub uses: Uses,
     /// A loss of GNSS is decided after this, s.
     pub loss_s: f64,
+    /// Without any fix the navigation starts where the vehicle is after this, s; `None` waits for GNSS.
+    pub without_gnss_s: Option<f64>,
     /// Without any velocity the navigator calls itself lost after this, s.
     pub max_coast_s: f64,
     /// How inertial coasting drifts.
@@ -66,6 +68,7 @@ impl Needs {
                 landmarks: navigator.landmarks.is_some(),
             },
             loss_s: navigator.gnss.trust.loss_s,
+            without_gnss_s: navigator.start.without_gnss_s,
             max_coast_s: navigator.holdover.max_coast_s,
             budget: navigator.holdover.budget,
             altitude_m,

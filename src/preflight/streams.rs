@@ -5,7 +5,7 @@ use crate::sample::SampleKind;
 use crate::wire::session::identity::AutopilotKind;
 
 use super::Case;
-use super::finding::{Finding, FindingGrade};
+use super::finding::{Finding, FindingGrade, plain};
 
 /// IMU streams slower than this cannot be integrated, Hz.
 const LEAST_IMU_HZ: f64 = 20.0;
@@ -98,14 +98,26 @@ fn imu(case: &Case<'_>) -> Option<Finding> {
 }
 
 fn gnss(case: &Case<'_>) -> Option<Finding> {
-    let rate = case.readings.rate_hz(SampleKind::Gnss);
-    if rate <= 0.0 {
-        let why = "GPS_RAW_INT does not come: there is no place to start from";
-        return Some(Finding::stream(FindingGrade::Fault, ("GNSS", rate), "1 Hz at least", why, None));
+    let readings = case.readings;
+    let rate = readings.rate_hz(SampleKind::Gnss);
+    if rate > 0.0 && readings.gnss_fix {
+        return None;
     }
-    let why = "the receiver has no fix yet: Holdover aligns once it has";
-    let told = Finding::stream(FindingGrade::Advice, ("GNSS", rate), "a fix", why, None);
-    (!case.readings.gnss_fix).then_some(told)
+    let indoors = [SampleKind::Flow, SampleKind::Mag, SampleKind::Pressure].iter().all(|k| readings.has(*k));
+    let start = case.needs.without_gnss_s.filter(|_| indoors && case.needs.uses.flow);
+    let (grade, why) = match start {
+        Some(seconds) => {
+            let why = "without a fix the navigation starts where the vehicle stands";
+            (FindingGrade::Advice, format!("{why}, {} s after Holdover", plain(seconds)))
+        }
+        None if rate > 0.0 => {
+            (FindingGrade::Advice, "the receiver has no fix yet: Holdover aligns once it has".to_owned())
+        }
+        None => {
+            (FindingGrade::Fault, "GPS_RAW_INT does not come: there is no place to start from".to_owned())
+        }
+    };
+    Some(Finding::stream(grade, ("GNSS", rate), "1 Hz at least, with a fix", why, None))
 }
 
 fn others(case: &Case<'_>) -> Vec<Finding> {

@@ -185,8 +185,13 @@ fn a_sensor_that_does_not_come_is_told_and_so_is_an_old_protocol() {
     for (kind, subject) in [(SampleKind::Imu, "IMU"), (SampleKind::Gnss, "GNSS")] {
         let mut readings = px4();
         readings.rates_hz[kind as usize] = 0.0;
+        readings.rates_hz[SampleKind::Flow as usize] = 0.0;
         assert_eq!(mends(readings, &[], &[]), [(subject.to_owned(), None)]);
     }
+    let mut readings = px4();
+    readings.rates_hz[SampleKind::Gnss as usize] = 0.0;
+    assert_eq!(faults(&readings, &needs(&[])), [], "flow starts without");
+    assert_eq!(faults(&readings, &needs(&["start.without_gnss_s=0"])).len(), 1);
     let mut readings = ardupilot();
     readings.mavlink1 = true;
     let found = mends(readings, &[("SERIAL2_PROTOCOL", 1.0)], &[ALWAYS]);

@@ -76,7 +76,7 @@ fn faults(report: &Value) -> Vec<&str> {
 
 #[test]
 fn an_ardupilot_as_it_comes_is_told_what_it_lacks_and_nothing_is_changed() {
-    let running = StandIn { loses_every: Some(3), ..ardupilot() }.start();
+    let running = StandIn { loses_one_of: Some(3), ..ardupilot() }.start();
     let ran = preflight(&running, &["--set", "outbound.publish=holdover"]);
     assert_eq!(ran.code, Some(6), "{ran:?}");
     for text in [
@@ -101,7 +101,7 @@ fn an_ardupilot_as_it_comes_is_told_what_it_lacks_and_nothing_is_changed() {
 
 #[test]
 fn what_mends_the_faults_is_set_and_read_back() {
-    let running = StandIn { loses_every: Some(4), ..ardupilot() }.start();
+    let running = StandIn { loses_one_of: Some(4), ..ardupilot() }.start();
     let always = ["--set", "outbound.publish=always"];
     let ran = preflight(&running, &[&["--write"], &always[..]].concat());
     assert_eq!(ran.code, Some(6), "it has to boot first: {ran:?}");

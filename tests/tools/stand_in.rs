@@ -34,8 +34,8 @@ pub struct StandIn {
     pub kind: AutopilotKind,
     /// Value and type, by name.
     pub parameters: BTreeMap<String, (f64, u8)>,
-    /// Every so many-th question for a parameter is lost.
-    pub loses_every: Option<usize>,
+    /// One of so many questions for a parameter is lost.
+    pub loses_one_of: Option<usize>,
     /// Parameters that keep their value, whatever is set.
     pub stubborn: Vec<&'static str>,
     pub answers_parameters: bool,
@@ -68,7 +68,7 @@ impl StandIn {
         Self {
             kind,
             parameters: parameters.iter().map(|(n, v, t)| ((*n).to_owned(), (*v, *t))).collect(),
-            loses_every: None,
+            loses_one_of: None,
             stubborn: Vec::new(),
             answers_parameters: true,
             armed: false,
@@ -115,7 +115,8 @@ struct Stage {
     peer: Option<SocketAddr>,
     writer: FrameWriter,
     waiting: VecDeque<(i64, Vec<u8>)>,
-    asked: usize,
+    /// A linear congruential generator's state.
+    asked: u32,
 }
 
 fn address(system: u8) -> Address {
@@ -214,10 +215,11 @@ impl Stage {
         }
     }
 
+    /// Not every n-th in turn: questions that are repeated in step would meet the same fate each time.
     fn arrives(&mut self) -> bool {
-        self.asked += 1;
-        self.set_up.answers_parameters
-            && self.set_up.loses_every.is_none_or(|n| !self.asked.is_multiple_of(n))
+        self.asked = self.asked.wrapping_mul(1_103_515_245).wrapping_add(12_345);
+        let dice = (self.asked >> 16) as usize;
+        self.set_up.answers_parameters && self.set_up.loses_one_of.is_none_or(|n| !dice.is_multiple_of(n))
     }
 
     fn command(&mut self, command: &apm::COMMAND_LONG_DATA) {
