@@ -96,13 +96,13 @@ fn attitude_quaternion(vehicle: &SimulatedAutopilot) -> Message {
     })
 }
 
-/// A multirotor without a pitot tube: the airspeed is an estimate, as ArduPilot fills it in.
+/// A multirotor without a pitot tube: ArduPilot fills in an estimate for the airspeed, PX4 no number.
 fn hud(vehicle: &SimulatedAutopilot) -> Message {
     let velocity = vehicle.filter().velocity();
     let speed = velocity.xy().norm() as f32;
     let yaw = Euler::from_rotation(vehicle.filter().r_body_to_ned()).yaw_rad;
     Message::VFR_HUD(apm::VFR_HUD_DATA {
-        airspeed: speed,
+        airspeed: if matches!(vehicle.aiding(), OwnAiding::Ekf2(_)) { f32::NAN } else { speed },
         groundspeed: speed,
         alt: place(vehicle).map_or(0.0, |p| p.height_m as f32),
         climb: -velocity.z as f32,

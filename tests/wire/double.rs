@@ -8,12 +8,15 @@ use crate::live::process::Holdover;
 use holdover::double::manners::Manner;
 use holdover::double::{AutopilotDouble, DoublePort, DoubleReport, DoubleSettings};
 use holdover::sim::autopilot::FlightMode;
+use holdover::sim::autopilot::link::LinkFaults;
 use holdover::sim::autopilot::script::{FlightScript, ScriptLeg};
 use holdover::sim::models::OutageKind;
-use holdover::wire::frame::{Scan, scan};
+use holdover::wire::frame::{ComponentId, Scan, SystemId, scan};
 use holdover::wire::frame_bytes::FrameBytes;
+use holdover::wire::session::Address;
 use holdover::wire::session::identity::AutopilotKind;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use holdover::wire::session::outgoing::FrameWriter;
+use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use nalgebra::Vector3;
 use tokio::net::UdpSocket;
 use tokio::time::{Instant, sleep};
@@ -41,6 +44,11 @@ impl Flown {
 
 /// Up for a square of 12 m, a hover in which GNSS is lost, another square, GNSS again, and down.
 fn outage(hold_s: f64, switches: bool) -> FlightScript {
+    outage_after(25.0, hold_s, switches)
+}
+
+/// The same after another while on the ground.
+fn outage_after(ground_s: f64, hold_s: f64, switches: bool) -> FlightScript {
     let square = || {
         [(12.0, 0.0), (12.0, 12.0), (0.0, 12.0), (0.0, 0.0)].map(|(north_m, east_m)| ScriptLeg::FlyTo {
             north_m,
@@ -49,7 +57,7 @@ fn outage(hold_s: f64, switches: bool) -> FlightScript {
         })
     };
     let select = |set| switches.then_some(ScriptLeg::SelectSet(set));
-    let mut legs = vec![ScriptLeg::Wait(25.0), ScriptLeg::Arm, ScriptLeg::TakeOff(10.0)];
+    let mut legs = vec![ScriptLeg::Wait(ground_s), ScriptLeg::Arm, ScriptLeg::TakeOff(10.0)];
     legs.extend(square());
     legs.extend([ScriptLeg::Wait(3.0), ScriptLeg::Gnss(Some(OutageKind::NoFix)), ScriptLeg::Wait(3.0)]);
     legs.extend(select(2));
@@ -74,8 +82,17 @@ fn holdover(more: &[&str]) -> Holdover {
     Holdover::run(&[&arguments[..], more].concat())
 }
 
-/// Flies the double beside the daemon until it has landed.
+/// Flies a double beside the daemon until it has landed.
 async fn fly(settings: DoubleSettings, daemon: &Holdover) -> Flown {
+    fly_and(settings, daemon, |_| {}).await
+}
+
+/// The same; `meddle` may do something to the double every now and then.
+async fn fly_and(
+    settings: DoubleSettings,
+    daemon: &Holdover,
+    mut meddle: impl FnMut(&mut AutopilotDouble),
+) -> Flown {
     let mut double = AutopilotDouble::new(settings);
     let socket = Arc::new(UdpSocket::bind("127.0.0.1:0").await.unwrap());
     socket.connect(daemon.address()).await.unwrap();
@@ -88,6 +105,7 @@ async fn fly(settings: DoubleSettings, daemon: &Holdover) -> Flown {
             let heard = hear(&mut double, &buffer[..n]);
             words.extend(heard.into_iter().map(|w| (now_s, w)));
         }
+        meddle(&mut double);
         let due_s = began.elapsed().as_secs_f64() * SPEED;
         if due_s - now_s > MOST_BEHIND_S {
             began += Duration::from_secs_f64((due_s - now_s - MOST_BEHIND_S) / SPEED);
@@ -198,5 +216,55 @@ async fn who_is_not_switched_to_does_not_help() {
     let flown = fly(settings, &daemon).await;
     assert_eq!(flown.mode, FlightMode::FailsafeLanding, "{:?}", flown.report);
     assert!(flown.report.external > 500 && flown.report.fused == 0, "{:?}", flown.report);
+    daemon.stop();
+}
+
+fn reboot() -> FrameBytes {
+    let station = Address { system: SystemId(255), component: ComponentId(190) };
+    let command = COMMAND_LONG_DATA {
+        param1: 1.0,
+        param2: 0.0,
+        param3: 0.0,
+        param4: 0.0,
+        param5: 0.0,
+        param6: 0.0,
+        param7: 0.0,
+        command: MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
+        target_system: 1,
+        target_component: 1,
+        confirmation: 0,
+    };
+    FrameWriter::new(station).write(&MavMessage::COMMAND_LONG(command)).unwrap()
+}
+
+#[tokio::test]
+async fn an_autopilot_that_reboots_on_the_ground_is_flown_all_the_same() {
+    let mut daemon = holdover(&["--set", "outbound.publish=always"]);
+    let settings = settings(AutopilotKind::Px4, outage_after(45.0, 10.0, false));
+    let mut rebooted = false;
+    let flown = fly_and(settings, &daemon, |double| {
+        if double.vehicle().now_s() > 20.0 && !std::mem::replace(&mut rebooted, true) {
+            double.hear(reboot());
+        }
+    })
+    .await;
+    assert!(flown.said("rebooted").is_some_and(|t| (20.0..26.0).contains(&t)), "{:?}", flown.words);
+    held(&flown, &daemon, 6.0);
+    daemon.stop();
+}
+
+/// ArduPilot does not wait for longer than eight seconds, and Holdover tells what it lacked.
+#[tokio::test]
+async fn a_link_that_is_silent_for_ten_seconds_ends_in_a_landing_with_its_cause() {
+    let mut daemon = holdover(&["--set", "outbound.publish=always"]);
+    let silent = (90.0, 100.0);
+    let mut settings = settings(AutopilotKind::ArduPilot, outage(40.0, true));
+    settings.faults = LinkFaults { silent_s: Some(silent), ..LinkFaults::default() };
+    let flown = fly(settings, &daemon).await;
+    let report = flown.report;
+    assert!(report.lost_s.unwrap() + 5.0 < silent.0, "the flight is another: {report:?}");
+    let acted = report.failsafe_s.expect("no failsafe acted") - silent.0;
+    assert!((7.5..9.0).contains(&acted), "{acted} s after the link fell silent");
+    daemon.wait_for("silent", 1);
     daemon.stop();
 }
