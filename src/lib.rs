@@ -65,5 +65,6 @@ mod preflight;
 pub mod replay;
 pub mod sample;
 pub mod sim;
+pub mod state;
 pub mod time;
 pub mod wire;

@@ -41,7 +41,7 @@ pub struct Altimeter {
     pub(super) bank: GlrBank,
     pub(super) channels: [ChannelState; 4],
     pub(super) drift: Drift,
-    started: bool,
+    pub(super) started: bool,
     /// Time of the state, s since the start.
     pub(super) clock_s: f64,
     /// What has been integrated since: time, ∫u and ∫∫u.
@@ -234,7 +234,7 @@ impl Altimeter {
     }
 
     /// Propagates state, covariance and bank to the present.
-    fn propagate(&mut self) {
+    pub(super) fn propagate(&mut self) {
         let (dt, delta_v, delta_h) = std::mem::take(&mut self.pending);
         if dt > 0.0 {
             let phi = self.joint.transition(dt);

@@ -3,6 +3,7 @@
 use super::fault::{Change, Health};
 use super::fault_tolerant::{Altimeter, HeightVerdict};
 use super::joint::Channel;
+use super::memory::AltimeterMemory;
 use super::published::AltimeterMethod;
 use super::published::BaselineAltimeter;
 use super::published::ErrorModel;
@@ -142,6 +143,22 @@ impl HeightFilter {
             Self::FaultTolerant(f) => f.offset_m(channel).map(|offset| (offset, f.quiet_s(channel))),
             Self::Published(_) => None,
         }
+    }
+
+    /// What is known, to be kept; the published altimeters are not.
+    pub fn memory(&self) -> Option<AltimeterMemory> {
+        match self {
+            Self::FaultTolerant(f) => AltimeterMemory::of(f),
+            Self::Published(_) => None,
+        }
+    }
+
+    /// Knows what was kept. False, and nothing has changed, where that is no height of anything, or this is a published altimeter.
+    pub fn remember(&mut self, memory: &AltimeterMemory) -> bool {
+        let Self::FaultTolerant(f) = self else { return false };
+        let Some(altimeter) = memory.altimeter(f.settings) else { return false };
+        **f = altimeter;
+        true
     }
 
     /// The oldest change that was not asked for yet.

@@ -29,6 +29,7 @@ mod glr_bank;
 mod height;
 mod isolation;
 mod joint;
+mod memory;
 mod noise_monitor;
 mod probability;
 pub mod published;
@@ -39,6 +40,7 @@ pub use fault::{Change, Fault, Health};
 pub use fault_tolerant::{Altimeter, HeightVerdict};
 pub use height::{AltimeterKind, HeightFilter};
 pub use joint::{Channel, InertialModel, OffsetModel};
+pub use memory::{AltimeterMemory, ChannelMemory};
 pub use probability::normal_operation;
 pub use published::{
     AltimeterMethod, AltimeterScheme, BaselineAltimeter, ChannelReport, ErrorModel, Estimate, Ibi, Iig,

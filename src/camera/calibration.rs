@@ -9,7 +9,11 @@
 //! and a Kalman filter for constants estimates x, with its covariance: what is not known well in the end (a vehicle that only
 //! hovered knows nothing of s) stays in the uncertainty of the dead reckoning. The noise is taken from the residuals themselves.
 
+mod memory;
+
 use nalgebra::{Matrix2, Matrix2x4, Matrix4, Vector2, Vector4};
+
+pub use memory::CalibrationMemory;
 
 /// What is known of a sensor before it is flown.
 #[derive(Clone, Copy, Debug, PartialEq)]

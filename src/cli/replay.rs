@@ -21,6 +21,7 @@ use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
 use crate::sample::{Input, SampleKind};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
+use crate::wire::decode::Repair;
 
 use super::inspect::lacking;
 use super::table::{Table, number};
@@ -82,10 +83,23 @@ pub struct ReplayReport {
     pub outages: Vec<OutageReport>,
     /// Modes.
     pub modes: Vec<ModeChange>,
+    /// What was put right in the vehicle's messages, or left out because it was told before.
+    pub repairs: Vec<RepairCount>,
     /// What became of every source, at the end.
     pub sources: Vec<SourceReport>,
     /// Log time over computing time, reading included.
     pub realtime_factor: f64,
+}
+
+/// How often something was put right.
+#[derive(Debug, Serialize)]
+pub struct RepairCount {
+    /// A name that stays the same.
+    pub code: &'static str,
+    /// What was done.
+    pub what: String,
+    /// How often.
+    pub count: u64,
 }
 
 /// Runs the command.
@@ -133,6 +147,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         aided: outcome.aided,
         outages: outcome.outages.clone(),
         modes: outcome.modes.clone(),
+        repairs: summary.repairs.seen().map(repair_count).collect(),
         sources: runner.pipeline.navigator.source_reports(),
         realtime_factor: outcome.duration_s / computing_s,
     };
@@ -143,6 +158,10 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         print_report(&report, &log, &runner, &summary, &outcome, settings.pipeline.navigator.estimator);
     }
     Ok(())
+}
+
+fn repair_count((repair, count): (Repair, u64)) -> RepairCount {
+    RepairCount { code: repair.code(), what: repair.to_string(), count }
 }
 
 fn progress_bar(bytes: u64, json: bool) -> ProgressBar {

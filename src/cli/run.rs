@@ -1,6 +1,7 @@
 //! `holdover run`: the daemon.
 
 use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -11,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use tracing_subscriber::EnvFilter;
 
 use crate::config::{LOG_VARIABLE, Origin, Settings};
-use crate::daemon::{Daemon, link_config};
+use crate::daemon::{Daemon, endpoints, link_config};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::link::Links;
@@ -104,12 +105,27 @@ fn start_log(level: &str) -> Result<LogSink, Failure> {
     Ok(sink)
 }
 
+/// Where the state is kept, and says so. Without such a place it navigates all the same.
+fn state_folder(settings: &Settings) -> Option<PathBuf> {
+    match settings.state.make(|name| std::env::var(name).ok()) {
+        Ok(Some(folder)) => {
+            tracing::info!("the state is kept in {}", folder.display());
+            Some(folder)
+        }
+        Ok(None) => None,
+        Err(why) => {
+            tracing::warn!("no state is kept, a restart begins anew: {why}");
+            None
+        }
+    }
+}
+
 async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Failure> {
     let (stop, close) = (CancellationToken::new(), CancellationToken::new());
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
     let clock = CompanionClock::new();
-    let links = Links::open(&settings.endpoints, link_config(settings), clock.clone(), close.clone())
+    let links = Links::open(&endpoints(settings), link_config(settings), clock.clone(), close.clone())
         .await
         .map_err(|e| Failure::Link(e.to_string()))?;
     let handles = links.handles.clone();
@@ -123,7 +139,9 @@ async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Fail
     for (a, b) in deny_gnss {
         tracing::warn!("a drill: GNSS is withheld from {a} to {b} s after the first sample");
     }
-    let daemon = Daemon::new(settings, deny_gnss, links, clock).run(stop.clone());
+    let daemon = Daemon::new(settings, deny_gnss, links, clock)
+        .keeping_state_in(state_folder(settings))
+        .run(stop.clone());
     tokio::pin!(daemon);
     let summary = tokio::select! {
         summary = &mut daemon => summary,

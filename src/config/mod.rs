@@ -20,6 +20,7 @@ use config::{Config as Merger, File, FileFormat};
 use serde_json::Value;
 
 use crate::pipeline::PipelineSettings;
+use crate::state::StateDirectory;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
 use crate::wire::session::requests::StreamSettings;
@@ -43,6 +44,8 @@ pub struct Settings {
     pub system: Option<SystemId>,
     /// Where it is.
     pub endpoints: Vec<Endpoint>,
+    /// Where sensors of their own are.
+    pub sensor_endpoints: Vec<Endpoint>,
     /// Links.
     pub link: LinkSettings,
     /// Messages to ask for.
@@ -51,6 +54,8 @@ pub struct Settings {
     pub pipeline: PipelineSettings,
     /// Tell mode changes by STATUSTEXT.
     pub statustext: bool,
+    /// Where the state is kept.
+    pub state: StateDirectory,
     /// Log level.
     pub log_level: String,
 }

@@ -3,10 +3,12 @@
 //! One task, one thread. It is handed links that are open, a clock and a token that stops it, so that a test needs neither fixed
 //! ports nor signals. Nothing is sent but on a new IMU sample: when the stream stops, so does the output.
 
+mod keeping;
 mod severity;
 mod summary;
 mod watch;
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use tokio::time::{MissedTickBehavior, interval};
@@ -18,11 +20,12 @@ use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline};
 use crate::sample::{Input, Sample, SampleKind};
-use crate::time::{ClockEvent, Companion, Span, Stamp};
+use crate::time::{AutopilotTime, ClockEvent, Companion, Span, Stamp};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
 use crate::wire::decode::Decoder;
 use crate::wire::encode::encode;
+use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::{Frame, SystemId};
 use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
 use crate::wire::messages::from_any_component;
@@ -33,6 +36,7 @@ use crate::wire::session::identity::{IdentityEvent, Sender};
 use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
 use crate::wire::session::transmitter::Transmitter;
 
+use keeping::{Keeping, Moment};
 use severity::severity_of;
 pub use summary::Summary;
 use watch::{ImuNews, ImuWatch};
@@ -62,6 +66,11 @@ pub const fn mode_code(mode: Mode) -> u32 {
     }
 }
 
+/// The endpoints in the order of their links: the autopilot's, then those of sensors.
+pub fn endpoints(settings: &Settings) -> Vec<Endpoint> {
+    settings.endpoints.iter().chain(&settings.sensor_endpoints).cloned().collect()
+}
+
 /// Settings of the links, as configured.
 pub fn link_config(settings: &Settings) -> LinkConfig {
     let l = &settings.link;
@@ -74,6 +83,7 @@ pub fn link_config(settings: &Settings) -> LinkConfig {
         backoff_first: Duration::from_millis(l.reconnect_min_ms),
         backoff_cap: Duration::from_millis(l.reconnect_max_ms),
         system: settings.system,
+        sensors_from: settings.endpoints.len(),
         ..LinkConfig::default()
     }
 }
@@ -85,6 +95,8 @@ struct Counts {
     not_finite: u64,
     late: u64,
     duplicates: u64,
+    /// Measurements that came on links for sensors, and frames there that are none.
+    sensor_frames: [u64; 2],
     heard: [u64; SampleKind::ALL.len()],
 }
 
@@ -93,6 +105,7 @@ struct Counts {
 pub struct Daemon {
     clock: CompanionClock,
     stale_after: Span,
+    sensors_from: usize,
     links: Option<Links>,
     transmitter: Transmitter,
     session: AutopilotSession,
@@ -102,6 +115,7 @@ pub struct Daemon {
     status_texts: StatusTextSender,
     watch: ImuWatch,
     beat: HeartbeatSender,
+    keeping: Keeping,
     solution: Option<Solution>,
     /// Of one frame; kept for its memory.
     inputs: Vec<Input>,
@@ -120,6 +134,7 @@ impl Daemon {
         let count = links.handles.ids().count();
         Self {
             stale_after: Span::from_millis(i64::try_from(settings.link.stale_output_ms).unwrap_or(i64::MAX)),
+            sensors_from: settings.endpoints.len(),
             transmitter: Transmitter::new(links.handles.clone(), system),
             links: Some(links),
             session: AutopilotSession::new(settings.system, settings.streams),
@@ -129,6 +144,7 @@ impl Daemon {
             status_texts: StatusTextSender::new(settings.statustext),
             watch: ImuWatch::new(Span::from_seconds(settings.pipeline.navigator.imu.max_gap_s)),
             beat: HeartbeatSender::default(),
+            keeping: Keeping::default(),
             solution: None,
             inputs: Vec::with_capacity(16),
             messages: Vec::with_capacity(4),
@@ -138,6 +154,12 @@ impl Daemon {
             stranger_told: false,
             clock,
         }
+    }
+
+    /// Keeps the navigation's state in this folder, and goes on from what it finds there.
+    pub fn keeping_state_in(mut self, folder: Option<PathBuf>) -> Self {
+        self.keeping = Keeping::new(folder);
+        self
     }
 
     /// Runs until `cancel` is cancelled, or all links have ended. Says good-bye, and returns what was counted.
@@ -162,6 +184,9 @@ impl Daemon {
                 }
             }
         }
+        let now = self.clock.now();
+        let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
+        self.keeping.end(now, &self.pipeline, self.session.vehicle(), &moment);
         let code = self.state().1;
         self.transmitter.broadcast(&heartbeat(SystemStatus::PowerOff, code));
         tokio::time::sleep(LAST_WORDS).await;
@@ -192,6 +217,9 @@ impl Daemon {
             return;
         }
         let at = received.received;
+        if received.link.0 >= self.sensors_from {
+            return self.sensor(&frame, at);
+        }
         let ours = self.session.sent_by_autopilot(&frame);
         if ours && !self.listens(received, at) {
             return;
@@ -213,6 +241,19 @@ impl Daemon {
         let mut inputs = std::mem::take(&mut self.inputs);
         self.decoder.decode(&frame, &mut inputs);
         self.session.stamped(self.decoder.clock().newest(), at);
+        self.take(inputs, at);
+    }
+
+    /// A frame on a link for sensors.
+    fn sensor(&mut self, frame: &Frame<'_>, at: Stamp<Companion>) {
+        let mut inputs = std::mem::take(&mut self.inputs);
+        let taken = self.decoder.decode_sensor(frame, &mut inputs);
+        self.counts.sensor_frames[usize::from(!taken)] += 1;
+        self.take(inputs, at);
+    }
+
+    /// What was decoded.
+    fn take(&mut self, mut inputs: Vec<Input>, at: Stamp<Companion>) {
         if let Some(repair) = self.decoder.take_repair_news() {
             tracing::warn!("{repair}");
         }
@@ -244,6 +285,9 @@ impl Daemon {
                     Severity::Info,
                     &format!("following {}, system {}", vehicle.autopilot, vehicle.system.0),
                 );
+                if let Some(told) = self.keeping.found(&vehicle) {
+                    self.say(Severity::Notice, &told);
+                }
             }
             IdentityEvent::Lost { silent } => {
                 self.say(Severity::Critical, &format!("autopilot silent for {:.1} s", silent.seconds()));
@@ -289,9 +333,12 @@ impl Daemon {
             return;
         }
         match input {
-            Input::Sample(Sample::Imu(_)) => {
+            Input::Sample(Sample::Imu(s)) => {
                 if let Some(news) = self.watch.heard(at) {
                     self.imu_news(news);
+                }
+                if self.keeping.waits() {
+                    self.resume(s.time);
                 }
             }
             Input::Origin(_) => self.session.origin_heard(),
@@ -314,6 +361,14 @@ impl Daemon {
         self.messages = messages;
         if self.pipeline.navigator.has_events() {
             self.tell_events();
+        }
+    }
+
+    /// The first IMU sample, of `first`, is about to be taken: a process before may have known more.
+    fn resume(&mut self, first: AutopilotTime) {
+        let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
+        if let Some(told) = self.keeping.resume(&mut self.pipeline, &moment, first) {
+            self.say(Severity::Notice, &told);
         }
     }
 
@@ -380,6 +435,8 @@ impl Daemon {
         if let Some(news) = self.watch.poll(now) {
             self.imu_news(news);
         }
+        let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
+        self.keeping.keep(now, &self.pipeline, self.session.vehicle(), &moment);
         if self.summed.is_none_or(|(then, _)| now - then >= SUMMARY_PERIOD) {
             let summary = self.summary(now);
             tracing::info!("{summary}");
@@ -446,6 +503,7 @@ impl Daemon {
             rejects,
             repairs: self.decoder.repairs().clone(),
             duplicates: self.counts.duplicates,
+            sensor_frames: self.counts.sensor_frames,
             inbound_dropped,
             unsent,
             timesync: self.session.timesync(),

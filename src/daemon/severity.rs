@@ -11,7 +11,8 @@ pub(super) fn severity_of(kind: &EventKind) -> Severity {
         EventKind::Mode { to: Mode::Holdover, .. } => Severity::Warning,
         EventKind::Mode { from: Mode::Aided | Mode::Holdover, to: Mode::Aligning, .. } => Severity::Warning,
         EventKind::Mode { .. } => Severity::Notice,
-        EventKind::Reset(_)
+        EventKind::Resumed(_)
+        | EventKind::Reset(_)
         | EventKind::WalkedBack(_)
         | EventKind::FlowDistrusted(..)
         | EventKind::HeadingTurned(_)

@@ -35,6 +35,8 @@ pub struct Summary {
     pub repairs: Repairs,
     /// Frames of the autopilot that came on another link than the one that is listened to.
     pub duplicates: u64,
+    /// Measurements that came on links for sensors, and frames there that are none.
+    pub sensor_frames: [u64; 2],
     /// Frames dropped because the daemon did not keep up.
     pub inbound_dropped: u64,
     /// Frames not sent because the link did not keep up.
@@ -80,6 +82,13 @@ impl Summary {
 
     /// What was sent, and what was withheld or lost.
     fn write_sent(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.sensor_frames {
+            [0, 0] => {}
+            [taken, 0] => write!(f, "; {taken} measurements of sensors on their own links")?,
+            [taken, other] => {
+                write!(f, "; {taken} measurements of sensors on their own links, {other} other frames there")?
+            }
+        }
         write!(f, "; sent {}", self.sent)?;
         for (n, what) in [
             (self.not_finite, "not finite"),

@@ -29,6 +29,7 @@ pub mod magnetic;
 pub mod mount;
 pub mod nearest;
 pub mod so3;
+pub mod symmetric;
 pub mod wgs84;
 
 pub use earth_rate::{EARTH_RATE_RADPS, earth_rate_ned};

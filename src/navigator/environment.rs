@@ -110,6 +110,11 @@ impl Surroundings {
         self.environment.as_ref().is_some_and(|e| e.placed)
     }
 
+    /// The date in force, as decimal year.
+    pub(super) fn decimal_year(&self) -> f64 {
+        self.decimal_year
+    }
+
     /// The date, as decimal year.
     pub(super) fn set_date(&mut self, decimal_year: f64) {
         if (decimal_year - self.decimal_year).abs() > YEAR_TOLERANCE && decimal_year.is_finite() {

@@ -65,6 +65,8 @@ pub enum EventKind {
     Carried(VelocitySource),
     /// The filter was carried over a hole in the IMU stream, s.
     Bridged(f64),
+    /// It was started anew, and goes on from what was kept so long ago, s.
+    Resumed(f64),
     /// Still aligning: what is waited for.
     Waits(Waits),
     /// There is no magnetometer: the heading is sought in the vehicle's accelerations.
@@ -143,6 +145,10 @@ pub enum TransitionReason {
     ImuGap(f64),
     /// A heading that was found from motion does not fit what GNSS shows.
     HeadingWrong,
+    /// A hole in the stream has left a heading that may be any, and GNSS is back to find it by.
+    HeadingLost,
+    /// Holdover was started anew, and goes on.
+    Restarted,
     /// The autopilot rebooted.
     Reboot,
     /// The observer's state was no longer finite.
@@ -162,6 +168,8 @@ impl fmt::Display for TransitionReason {
             TransitionReason::Landmarks => write!(f, "landmarks in view"),
             TransitionReason::ImuGap(s) => write!(f, "IMU silent for {s:.1} s"),
             TransitionReason::HeadingWrong => write!(f, "heading from motion does not fit"),
+            TransitionReason::HeadingLost => write!(f, "heading lost, sought anew"),
+            TransitionReason::Restarted => write!(f, "restarted"),
             TransitionReason::Reboot => write!(f, "autopilot rebooted"),
             TransitionReason::Broken => write!(f, "estimate not finite"),
         }
@@ -187,6 +195,7 @@ impl EventKind {
             EventKind::FilterRestarted(_) => "filter-restarted",
             EventKind::Carried(_) => "carried-by",
             EventKind::Bridged(_) => "imu-bridged",
+            EventKind::Resumed(_) => "resumed",
             EventKind::Waits(_) => "aligning",
             EventKind::HeadingSought => "heading-sought",
             EventKind::HeadingFound(_) => "heading-found",
@@ -231,6 +240,7 @@ impl EventKind {
             EventKind::FilterRestarted(apart) => {
                 write!(f, "filter restarted: {:.0} deg from the observer", apart.to_degrees())
             }
+            EventKind::Resumed(s) => write!(f, "restarted: goes on from {s:.1} s ago"),
             EventKind::HeadingSought => {
                 write!(f, "no magnetometer: heading from GNSS acceleration, needs motion")
             }

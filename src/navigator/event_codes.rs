@@ -81,8 +81,13 @@ pub const EVENTS: &[EventCode] = &[
     ),
     event(
         "imu-bridged",
-        "The IMU was silent for a moment; the filter went on with the doubt that this leaves.",
+        "The IMU was silent; the filter went on with the doubt that this leaves.",
         "Check the link's rate and load.",
+    ),
+    event(
+        "resumed",
+        "Holdover was started anew within a minute, and goes on from what it had kept, with the doubt that the time between leaves.",
+        "See why it ended.",
     ),
     event(
         "aligning",
@@ -154,6 +159,7 @@ mod tests {
             EventKind::FilterRestarted(1.0),
             EventKind::Carried(VelocitySource::Flow),
             EventKind::Bridged(1.0),
+            EventKind::Resumed(1.0),
             EventKind::Waits(Waits::Height),
             EventKind::HeadingSought,
             EventKind::HeadingFound(0.1),

@@ -1,6 +1,6 @@
 //! The altimeter in the navigator, and when each of its channels was last heard.
 
-use crate::altimeter::{Change, Channel, Health, HeightFilter, HeightVerdict};
+use crate::altimeter::{AltimeterMemory, Change, Channel, Health, HeightFilter, HeightVerdict};
 use crate::time::AutopilotTime;
 
 use super::event::{EventKind, EventLog};
@@ -112,6 +112,16 @@ impl HeightEstimate {
             told = true;
         }
         told
+    }
+
+    /// What the altimeter knows, and knows again. See [`HeightFilter::memory`].
+    pub(super) fn memory(&self) -> Option<AltimeterMemory> {
+        self.filter.memory()
+    }
+
+    /// See [`HeightFilter::remember`].
+    pub(super) fn remember(&mut self, memory: &AltimeterMemory) -> bool {
+        self.filter.remember(memory)
     }
 
     /// What the altimeter holds of a channel.

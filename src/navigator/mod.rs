@@ -28,6 +28,7 @@ pub mod event_codes;
 mod heading_turn;
 mod height;
 mod landmark_fix;
+pub mod memory;
 pub mod monitor;
 mod observation;
 mod published;
@@ -58,6 +59,7 @@ use self::core::Core;
 use context::Context;
 use environment::OriginVerdict;
 use event::{Event, EventKind, TransitionReason};
+use memory::{ResumeError, SensorsMemory, Snapshot};
 use monitor::{GnssFault, GnssState};
 use reset::Reset;
 use settings::NavigatorSettings;
@@ -144,14 +146,40 @@ impl Navigator {
         self.core.change_mode(time, Mode::Aligning, TransitionReason::Reboot);
     }
 
+    /// What is known, to be kept and gone on with. `None` while there is nothing to go on from; see [`memory`].
+    pub fn snapshot(&self) -> Option<Snapshot> {
+        memory::snapshot(self)
+    }
+
+    /// Goes on from what was kept, with the doubt that the time since leaves; `now` is the time of the first IMU sample, which is still to be
+    /// ingested, on the clock of the snapshot.
+    ///
+    /// # Errors
+    /// [`ResumeError`]: then nothing has changed.
+    pub fn resume(&mut self, kept: &Snapshot, now: AutopilotTime) -> Result<(), ResumeError> {
+        memory::resume(self, kept, now)
+    }
+
+    /// What was learned of the sensors on another flight is where learning begins.
+    ///
+    /// # Errors
+    /// [`ResumeError`]: then nothing has changed.
+    pub fn recall(&mut self, kept: &SensorsMemory) -> Result<(), ResumeError> {
+        memory::recall(self, &kept.to_be_confirmed())
+    }
+
     fn reset(&mut self, reset: &Reset) {
         self.core.reset(reset);
         self.sources.reset(reset);
     }
 
-    /// The newest solution; `None` until the attitude has a first guess.
+    /// The newest solution; `None` until the attitude has a first guess, and for some tenths of a second after a long hole in the stream,
+    /// until it is found again.
     pub fn solution(&self) -> Option<Solution> {
         let core = &self.core;
+        if core.estimator.is_settling() {
+            return None;
+        }
         let time = core.stream.newest()?;
         let (p, mut velocity_ned) = core.estimator.estimate()?;
         let mut position_ned = p + core.published.offset_ned();

@@ -49,6 +49,19 @@ impl Published {
         self.offset_ned -= Vector3::new(shift_ned.x, shift_ned.y, 0.0);
     }
 
+    /// Position's offset, NED, gliding and smoothed height, m, and reset counter.
+    pub(super) fn memory(&self) -> ([f64; 3], [f64; 2], u8) {
+        (self.offset_ned.into(), [self.gliding_m, self.smoothed_m], self.reset_counter)
+    }
+
+    /// Goes on from there.
+    pub(super) fn recall(
+        &mut self,
+        (offset_ned, [gliding_m, smoothed_m], reset_counter): ([f64; 3], [f64; 2], u8),
+    ) {
+        *self = Self { offset_ned: Vector3::from(offset_ned), gliding_m, smoothed_m, reset_counter };
+    }
+
     /// There is nothing to be continuous with: the estimate is published as it is.
     pub(super) fn begin(&mut self) {
         self.offset_ned = Vector3::zeros();

@@ -1,13 +1,13 @@
 //! What the navigator believes.
 
 use nalgebra::{Matrix3, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::geo::{Body, BodyToNed, Ned};
 use crate::time::AutopilotTime;
 
 /// What the navigator is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, strum::IntoStaticStr)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 pub enum Mode {
     /// Finding attitude, heading and place; nothing is known yet.
     #[strum(serialize = "Aligning")]

@@ -2,17 +2,17 @@
 
 use nalgebra::Vector3;
 
-use crate::sample::ImuSample;
+use crate::sample::{Airframe, ImuSample};
 
 use super::context::{Context, SourceFacts};
 use super::core::Core;
-use super::estimator::{SeekInput, StepInput, StepOutcome, Stepped};
+use super::estimator::{CarryInput, SeekInput, StepInput, StepOutcome, Stepped};
 use super::event::{EventKind, TransitionReason, Waits};
 use super::monitor::GnssState;
 use super::reset::Reset;
 use super::sources::status::{SourceId, SourceKind};
 use super::stream::Heard;
-use super::timeline::Snapshot;
+use super::timeline::MotionNow;
 use super::vehicle::VehicleState;
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, landmark_fix, relative};
@@ -35,11 +35,13 @@ impl Navigator {
             }
             Heard::Next(dt) => dt,
         };
-        self.core.integrity.check(s.time);
         if dt > max_gap_s {
+            self.core.integrity.deaf(dt, self.core.settings.imu.bridge_s);
+            self.core.integrity.check(s.time);
             self.over_a_hole(s, dt);
             return Verdict::Used;
         }
+        self.core.integrity.check(s.time);
         if dt > LONG_STEP_S {
             self.core.estimator.doubt(dt);
         }
@@ -55,10 +57,10 @@ impl Navigator {
         verdict
     }
 
-    /// A hole of `gap_s` in the stream: the filter goes on over it with what it felt before and after, or begins anew.
+    /// A hole of `gap_s` in the stream: the filter goes on over it with the doubt that it leaves, or everything begins anew.
     fn over_a_hole(&mut self, s: &ImuSample, gap_s: f64) {
         self.core.height.blind(gap_s);
-        if !self.bridge(s, gap_s) {
+        if !self.carry_over(s, gap_s) {
             self.break_off(s, TransitionReason::ImuGap(gap_s));
         }
     }
@@ -68,17 +70,13 @@ impl Navigator {
         self.core.broken_off(s.time, reason);
     }
 
-    /// False when there is no filter, or the hole is too long.
-    fn bridge(&mut self, s: &ImuSample, gap_s: f64) -> bool {
+    /// False when there is no filter.
+    fn carry_over(&mut self, s: &ImuSample, gap_s: f64) -> bool {
         let core = &mut self.core;
-        if gap_s > core.settings.imu.bridge_s {
-            return false;
-        }
-        let (Some(environment), Some(last)) = (core.surroundings.environment(), core.stream.last().copied())
-        else {
-            return false;
-        };
-        let Some(stepped) = core.estimator.bridge(&last, s, gap_s, environment) else { return false };
+        let Some(environment) = core.surroundings.environment() else { return false };
+        let input = CarryInput { settings: &core.settings, environment };
+        let Some(last) = core.stream.last().copied() else { return false };
+        let Some(stepped) = core.estimator.carry_over(&last, s, gap_s, &input) else { return false };
         core.stream.over_the_interval(s, false);
         core.stand(&stepped);
         self.reset(&Reset::Bridged);
@@ -107,6 +105,7 @@ impl Navigator {
             magnetic: facts.magnetic.and_then(|m| core.carried_field(s.time, m)),
             flow_velocity: facts.flow_velocity,
             gnss_sigma_m: facts.gnss_sigma_m,
+            wing: core.vehicle.is(Airframe::FixedWing),
         };
         if let Some(r) = core.estimator.observer_mut().first_attitude(s, &input) {
             core.attitude.r_body_to_ned = r;
@@ -126,8 +125,12 @@ impl Navigator {
     }
 
     fn after_step(&mut self, s: &ImuSample, dt: f64, outcome: &StepOutcome, facts: &SourceFacts) {
-        let StepOutcome { stepped, report, fused, restarted } = outcome;
+        let StepOutcome { stepped, report, fused, restarted, settled } = outcome;
         let core = &mut self.core;
+        if *settled {
+            // What is remembered since the hole was remembered at another attitude.
+            core.timeline.reset(&Reset::Relocated);
+        }
         core.statuses.fused(SourceId::only(SourceKind::Height), s.time, fused);
         if let Some(apart) = restarted {
             core.events.tell(s.time, EventKind::FilterRestarted(*apart));
@@ -241,7 +244,7 @@ impl Core {
         let (position_ned, velocity_ned) = self.estimator.estimate().unwrap_or_default();
         self.timeline.push(
             s.time,
-            &Snapshot {
+            &MotionNow {
                 r_body_to_ned: stepped.r_body_to_ned,
                 turned,
                 acceleration_ned: stepped.acceleration_ned,

@@ -43,6 +43,11 @@ impl ImuStream {
         self.last.as_ref()
     }
 
+    /// The stream goes on after this sample.
+    pub(super) fn recall(&mut self, last: ImuSample) {
+        *self = Self { newest: Some(last.time), last: Some(last), ..Self::default() };
+    }
+
     /// Takes note of a sample. `disarmed`: on the ground a coarse IMU may repeat itself.
     pub(super) fn hear(&mut self, s: &ImuSample, disarmed: bool, max_gap_s: f64) -> Heard {
         let possible = |v: &Vector3<f64>| v.iter().all(|c| c.abs() < POSSIBLE);

@@ -19,6 +19,7 @@ use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, heading_turn, relative};
+use crate::navigator::tuning::hole::LOST_YAW;
 
 impl Navigator {
     /// What a source observed goes to the estimator, and what became of it to everybody whom it concerns.
@@ -241,6 +242,12 @@ impl Navigator {
 
     /// GNSS is trusted again: the estimate moves to it at once, the published position stays and glides after it.
     fn rejoin(&mut self, now: AutopilotTime, reading: &FixReading) {
+        if self.core.estimator.yaw_sigma().is_some_and(|sigma| sigma > LOST_YAW) {
+            // No correction that is linear finds a heading that may be any: it is sought as at the start.
+            self.reset(&Reset::StreamBroken);
+            self.core.change_mode(now, Mode::Aligning, TransitionReason::HeadingLost);
+            return;
+        }
         let core = &mut self.core;
         let Some((before, _)) = core.estimator.estimate() else { return };
         let e_v = reading.velocity_error.unwrap_or_default();
@@ -334,6 +341,9 @@ impl Navigator {
 
     /// What a flow velocity is for depends on the mode.
     fn take_flow(&mut self, stamp: AutopilotTime, index: usize, input: FlowInput<'_>) -> Verdict {
+        if self.core.estimator.is_settling() {
+            return Verdict::Rejected(Reason::NoReferenceYet);
+        }
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let measured = match self.sources.flow.observe(stamp, index, input, &context) {
             Ok(measured) => measured,
@@ -381,16 +391,20 @@ impl Navigator {
             }
         }
         let observer = self.core.estimator.observer_mut();
-        let Some(innovation) = observer.predictor().innovation(&carry.signal) else {
+        if !observer.predictor().is_running() {
             let v_ned = m.r_body_to_ned * carry.v_body;
-            return if observer.restart_signal(now, &v_ned) { Ok(()) } else { Err(Reason::NoReferenceYet) };
-        };
-        let e = horizontal(&innovation.velocity_ned).unwrap_or_default();
-        if e.norm() > carry.gate_mps && carry.patient {
-            self.sources.flow.outlier(index, m.interval_s);
-            return Err(Reason::Innovation);
+            if !observer.restart_signal(now, &v_ned) {
+                return Err(Reason::NoReferenceYet);
+            }
+        } else if let Some(innovation) = observer.predictor().innovation(&carry.signal) {
+            let e = horizontal(&innovation.velocity_ned).unwrap_or_default();
+            if e.norm() > carry.gate_mps && carry.patient {
+                self.sources.flow.outlier(index, m.interval_s);
+                return Err(Reason::Innovation);
+            }
+            observer.apply(&innovation);
         }
-        observer.apply(&innovation);
+        // A flow from before the signal began corrects it no more; it has carried all the same.
         self.sources.flow.carried(index, m.time, carry.v_body);
         self.core.outage.carried_by_flow(&carry.by);
         Ok(())

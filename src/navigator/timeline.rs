@@ -28,7 +28,7 @@ impl Stamped for Remembered {
 
 /// What is remembered of an instant.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Snapshot {
+pub(super) struct MotionNow {
     /// Attitude.
     pub(super) r_body_to_ned: Matrix3<f64>,
     /// Rotation since the last instant, body axes, rad.
@@ -65,7 +65,7 @@ impl Timeline {
     }
 
     /// Adds the newest instant.
-    pub(super) fn push(&mut self, time: AutopilotTime, i: &Snapshot) {
+    pub(super) fn push(&mut self, time: AutopilotTime, i: &MotionNow) {
         let (turned_body, impulse_ned) = self.past.newest().map_or((i.turned, Vector3::zeros()), |last| {
             let impulse = i.acceleration_ned * time.seconds_since(last.time);
             (last.turned_body + i.turned, last.impulse_ned + impulse)
@@ -165,7 +165,7 @@ mod tests {
         for k in 0..200i64 {
             let t = k as f64 * 0.01;
             let r = so3::exp(&Vector3::new(0.0, 0.0, t));
-            let instant = Snapshot {
+            let instant = MotionNow {
                 r_body_to_ned: r,
                 turned: Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 }),
                 acceleration_ned: Vector3::new(t, 0.0, 0.0),

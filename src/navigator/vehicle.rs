@@ -22,6 +22,16 @@ impl VehicleState {
         self.status = status;
     }
 
+    /// Whether it has flown while it said that it was disarmed.
+    pub(super) fn flew_disarmed(&self) -> bool {
+        self.flew_disarmed
+    }
+
+    /// The same, of before.
+    pub(super) fn recall(&mut self, flew_disarmed: bool) {
+        self.flew_disarmed = flew_disarmed;
+    }
+
     /// Whether it is of this kind.
     pub(super) fn is(&self, airframe: Airframe) -> bool {
         self.status.airframe == Some(airframe)

@@ -6,6 +6,7 @@
 //! holdover it stands.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use crate::geo::Ned;
 use crate::navigator::solution::Solution;
@@ -22,6 +23,21 @@ const MAX_AGE_S: f64 = 0.5;
 const OUTLIER_M: f64 = 8.0;
 /// … unless this many come in a row.
 const OUTLIERS_BELIEVED: u32 = 25;
+
+/// What was learned of the autopilot's frame, to be kept.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AlignmentMemory {
+    /// What to add to our position, NED, m.
+    pub offset: [f64; 3],
+    /// Enough positions were compared.
+    pub learned: bool,
+    /// The autopilot has told its origin.
+    pub origin_shared: bool,
+}
+
+/// No frame lies further off another, m.
+const FARTHEST_M: f64 = 1e5;
 
 /// Offset from our frame to the autopilot's.
 #[derive(Clone, Debug)]
@@ -42,6 +58,24 @@ impl Alignment {
             last: None,
             origin_shared: false,
             outliers: 0,
+        }
+    }
+
+    /// What was learned, to be kept.
+    pub fn memory(&self) -> AlignmentMemory {
+        AlignmentMemory {
+            offset: self.offset.raw().into(),
+            learned: self.learned(),
+            origin_shared: self.origin_shared,
+        }
+    }
+
+    /// Goes on from what was kept, where that is an offset at all.
+    pub(super) fn recall(&mut self, kept: &AlignmentMemory) {
+        if kept.offset.iter().all(|o| o.abs() < FARTHEST_M) {
+            self.offset = Ned::new(Vector3::from(kept.offset));
+            self.observations = if kept.learned { ENOUGH } else { 0 };
+            self.origin_shared |= kept.origin_shared;
         }
     }
 

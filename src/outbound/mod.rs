@@ -16,7 +16,7 @@ use crate::navigator::solution::{Mode, Solution};
 use crate::sample::Reference;
 use crate::time::{AutopilotTime, Span};
 
-use alignment::Alignment;
+use alignment::{Alignment, AlignmentMemory};
 use message::{Odometry, OutboundMessage, PoseFrame, VisionPosition};
 
 /// When to send.
@@ -115,6 +115,11 @@ impl Outbound {
     /// How our frame lies in the autopilot's.
     pub fn alignment(&self) -> &Alignment {
         &self.alignment
+    }
+
+    /// The process was restarted: our frame lies in the autopilot's as it did.
+    pub fn recall(&mut self, kept: &AlignmentMemory) {
+        self.alignment.recall(kept);
     }
 
     /// The autopilot has told its origin, and the navigator's frame has been put there.

@@ -1,10 +1,10 @@
-//! The companion computer's monotonic clock: the one place where time enters Holdover.
+//! The companion computer's clocks: the one place where time enters Holdover.
 //!
 //! Everything else is handed a [`Stamp`]; a replayed log and a test hand it one of their own.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
-use std::time::Instant;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crate::time::{Companion, Span, Stamp};
 
@@ -41,6 +41,19 @@ impl CompanionClock {
                 Stamp::from_micros(i64::try_from(elapsed.as_micros()).unwrap_or(i64::MAX))
             }
             Source::Manual { micros } => Stamp::from_micros(micros.load(Ordering::Acquire)),
+        }
+    }
+
+    /// The time of day, µs since 1970. It may be wrong and may be set: it tells one boot of an autopilot from another, and nothing else. A manual
+    /// clock is taken to have begun in 1970.
+    #[allow(clippy::disallowed_methods, reason = "the one place where the time of day is read")]
+    pub fn unix_us(&self) -> i64 {
+        match &self.source {
+            Source::Monotonic { .. } => {
+                let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+                i64::try_from(since.as_micros()).unwrap_or(i64::MAX)
+            }
+            Source::Manual { micros } => micros.load(Ordering::Acquire),
         }
     }
 

@@ -32,6 +32,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("double", &["geo", "sample", "sim", "time", "wire"]),
     ("pipeline", &["geo", "navigator", "outbound", "sample", "time", "wire"]),
     ("record", &["sample", "time", "wire"]),
+    ("state", &["navigator", "outbound", "time", "wire"]),
     (
         "config",
         &[
@@ -44,6 +45,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "observer",
             "outbound",
             "pipeline",
+            "state",
             "time",
             "wire",
         ],
@@ -65,6 +67,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "pipeline",
             "record",
             "sample",
+            "state",
             "status",
             "time",
             "wire",

@@ -291,7 +291,7 @@ fn check_prints_the_defaults_and_the_reference() {
     );
 }
 
-const KEYS: [&str; 12] = [
+const KEYS: [&str; 13] = [
     "log",
     "duration_s",
     "frames",
@@ -302,6 +302,7 @@ const KEYS: [&str; 12] = [
     "aided",
     "outages",
     "modes",
+    "repairs",
     "sources",
     "realtime_factor",
 ];

@@ -10,3 +10,5 @@ mod daemon;
 mod double;
 mod links;
 mod live;
+mod restart;
+mod sensor_link;

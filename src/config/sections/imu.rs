@@ -15,9 +15,9 @@ section! {
 section! {
     /// The IMU stream.
     "tuning.imu" struct ImuTuning {
-        /// A hole in the IMU stream longer than this interrupts the navigation.
+        /// A hole in the IMU stream longer than this is carried over with the doubt that it leaves.
         max_gap_ms: f64 = 500.0 in 20.0 ..= 5000.0 was "imu.max_gap_ms";
-        /// Over a hole up to this the filter is carried with what was felt at its ends, and a larger uncertainty.
+        /// Up to this what was felt at a hole's ends carries over it, and it is no silence of GNSS; beyond, the last velocity does, and the attitude is found anew.
         bridge_ms: f64 = 1500.0 in 0.0 ..= 5000.0 was "imu.bridge_ms";
         /// What a sample is: the value of its instant, as autopilots stream it, or the mean over the interval before it.
         samples: ImuSamples = "instants" of "instants" | "means" was "imu.samples";

@@ -8,6 +8,8 @@ section! {
     "link" struct LinkKeys {
         /// Where the autopilot is: udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT, serial:DEVICE:BAUD; several are allowed.
         endpoints: Vec<String> = ["udpin:127.0.0.1:14550"];
+        /// Where sensors of their own are, a camera's computer or a rangefinder that speaks MAVLink: in the same forms. Optical flow, distances and landmarks are taken there from any system; nothing else is.
+        sensor_endpoints: Vec<String> = [];
         /// A UDP peer that is silent for this long may be replaced by another autopilot.
         peer_timeout_s: f64 = 5.0 in 0.5 ..= 600.0;
     }

@@ -14,6 +14,7 @@ mod navigator;
 mod observer;
 mod outbound;
 mod start;
+mod state;
 mod streams;
 mod vehicle;
 
@@ -24,6 +25,7 @@ use serde::Deserialize;
 use crate::navigator::settings::{ImuSettings, MagnetometerSettings, NavigatorSettings};
 use crate::outbound::{OutboundSettings, Profile};
 use crate::pipeline::PipelineSettings;
+use crate::state::StateDirectory;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
 
@@ -39,6 +41,7 @@ pub(super) struct AllKeys {
     streams: streams::StreamsKeys,
     outbound: outbound::OutboundKeys,
     log: outbound::LogKeys,
+    state: state::StateKeys,
     navigator: navigator::NavigatorKeys,
     holdover: holdover::HoldoverKeys,
     start: start::StartKeys,
@@ -78,6 +81,7 @@ pub static SECTIONS: &[Section] = &[
     streams::StreamsKeys::SECTION,
     outbound::OutboundKeys::SECTION,
     outbound::LogKeys::SECTION,
+    state::StateKeys::SECTION,
     navigator::NavigatorKeys::SECTION,
     holdover::HoldoverKeys::SECTION,
     gnss::GnssKeys::SECTION,
@@ -114,7 +118,8 @@ impl AllKeys {
         if tuning.gnss.recover_far_s < tuning.gnss.recover_s {
             complain("tuning.gnss.recover_far_s", "is less than tuning.gnss.recover_s".into());
         }
-        let endpoints = self.endpoints(complain);
+        let endpoints = endpoints_of(&self.link.endpoints, "link.endpoints", complain);
+        let sensor_endpoints = endpoints_of(&self.link.sensor_endpoints, "link.sensor_endpoints", complain);
         let profile = self.vehicle.profile.parse::<Profile>().ok();
         let outbound = OutboundSettings {
             publish: self.outbound.publish,
@@ -127,23 +132,14 @@ impl AllKeys {
         Settings {
             system: (self.vehicle.system_id != 0).then_some(SystemId(self.vehicle.system_id)),
             endpoints,
+            sensor_endpoints,
             link: self.link.settings(&tuning.link),
             streams: self.streams.settings(),
             statustext: self.outbound.statustext,
             log_level: self.log.level.clone(),
+            state: StateDirectory::new(&self.state.dir),
             pipeline: PipelineSettings { navigator: self.navigator(complain), outbound, profile },
         }
-    }
-
-    fn endpoints(&self, complain: &mut impl FnMut(&str, String)) -> Vec<Endpoint> {
-        let mut endpoints = Vec::new();
-        for text in &self.link.endpoints {
-            match text.parse::<Endpoint>() {
-                Ok(endpoint) => endpoints.push(endpoint),
-                Err(e) => complain("link.endpoints", format!("has a wrong one: {e}")),
-            }
-        }
-        endpoints
     }
 
     fn navigator(&self, complain: &mut impl FnMut(&str, String)) -> NavigatorSettings {
@@ -175,4 +171,16 @@ impl AllKeys {
             rejoin: tuning.rejoin.settings(),
         }
     }
+}
+
+/// Texts as endpoints, or complaints about the `key`.
+fn endpoints_of(texts: &[String], key: &str, complain: &mut impl FnMut(&str, String)) -> Vec<Endpoint> {
+    let mut endpoints = Vec::new();
+    for text in texts {
+        match text.parse::<Endpoint>() {
+            Ok(endpoint) => endpoints.push(endpoint),
+            Err(e) => complain(key, format!("has a wrong one: {e}")),
+        }
+    }
+    endpoints
 }

@@ -12,8 +12,10 @@
 //! observer). Measurements are scalars with a gate on the normalised innovation, fused one after the other; a late one is related to the
 //! present by the motion since ([`Lag`]).
 
+mod carry;
 mod covariance;
 mod measure;
+mod memory;
 #[cfg(test)]
 mod tests;
 mod tuning;
@@ -22,8 +24,10 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::geo::polar_rotation;
 use crate::geo::so3::exp;
+pub use carry::Doubt;
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 pub use measure::{Lag, SeenFlow};
+pub use memory::EskfMemory;
 use tuning::{COVARIANCE_STEP_S, REORTHONORMALISE};
 
 /// Size of the error state.
@@ -300,16 +304,6 @@ impl Eskf {
         self.p[(index, index)] = sigma * sigma;
     }
 
-    /// Something unknown happened: adds these standard deviations of attitude (rad), position (m) and velocity (m/s) per axis.
-    pub fn inflate(&mut self, attitude: f64, position: f64, velocity: f64) {
-        self.propagate_covariance();
-        for (block, sigma) in [(THETA, attitude), (P, position), (V, velocity)] {
-            for i in block..block + 3 {
-                self.p[(i, i)] += sigma * sigma;
-            }
-        }
-    }
-
     /// One IMU sample over `dt` s: mean angular rate (rad/s) and specific force (m/s²), body; gravity and Earth rate, NED.
     /// Returns the acceleration in NED that was integrated, m/s².
     pub fn predict(
@@ -350,8 +344,13 @@ impl Eskf {
     fn propagate_covariance(&mut self) {
         if self.pending.dt > 0.0 {
             self.sound &= self.pending.propagate_covariance(&mut self.p, &self.settings);
-            self.pending = ErrorTransition::new(self.state.r_body_to_ned);
+            self.restart_transition();
         }
+    }
+
+    /// What comes is summed up from the present attitude on.
+    fn restart_transition(&mut self) {
+        self.pending = ErrorTransition::new(self.state.r_body_to_ned);
     }
 
     /// The innovation's variance, P hᵀ, and whether it passes the gate.
@@ -380,7 +379,7 @@ impl Eskf {
         reduce(&mut self.p, &ph, s);
         let dx = ph * (innovation / s);
         self.inject(&dx);
-        self.pending = ErrorTransition::new(self.state.r_body_to_ned);
+        self.restart_transition();
         Ok(Correction {
             position_ned: dx.fixed_rows::<3>(P).into_owned(),
             velocity_ned: dx.fixed_rows::<3>(V).into_owned(),

@@ -5,7 +5,9 @@ use nalgebra::{Matrix4, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
 use crate::filter::Jitter;
-use crate::filter::error_state::{AirModel, Eskf, EskfSettings, EskfState, Lag, SeenFlow, StartSigma};
+use crate::filter::error_state::{
+    AirModel, Eskf, EskfMemory, EskfSettings, EskfState, Lag, SeenFlow, StartSigma,
+};
 use crate::geo::so3;
 use crate::observer::ObserverState;
 use crate::sample::ImuSample;
@@ -17,11 +19,12 @@ use super::super::settings::{Estimator as Kind, NavigatorSettings};
 use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::super::timeline::Timeline;
+use super::hole::{self, Levelled};
 use super::step::{Progress, StepInput, Stepped, Watch};
 use crate::navigator::tuning::error_state::{
     BRIDGE_STEP_S, HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, MIN_UPRIGHT, MOVING_GYRO_BIAS,
     MOVING_TILT, MOVING_VELOCITY, MOVING_YAW, START_ACCEL_BIAS, START_GYRO_BIAS, START_TILT, START_VELOCITY,
-    START_YAW, UNKNOWN_ACCELERATION, UNKNOWN_RATE,
+    START_YAW, WIDE_YAW,
 };
 
 /// Standard deviations of what the filter starts from: roll and pitch, yaw (rad), velocity (m/s), gyro bias (rad/s).
@@ -105,6 +108,24 @@ impl ErrorStateStage {
         Some(Self {
             filter: Eskf::new(settings, start, &sigma),
             configured_gyro_noise: settings.gyro_noise,
+            magnetic_due: now,
+            height_due: now,
+            watch: Watch::default(),
+        })
+    }
+
+    /// Goes on from what a filter knew. `None` where that is nothing that a filter knows.
+    pub(super) fn remembering(
+        now: AutopilotTime,
+        memory: &EskfMemory,
+        settings: &NavigatorSettings,
+    ) -> Option<Self> {
+        let (settings, _) = filter_settings(settings);
+        let filter = memory.filter(settings)?;
+        let configured_gyro_noise = settings.gyro_noise;
+        Some(Self {
+            filter,
+            configured_gyro_noise,
             magnetic_due: now,
             height_due: now,
             watch: Watch::default(),
@@ -204,12 +225,9 @@ impl ErrorStateStage {
         fused: &mut Fused,
     ) {
         match observation {
-            Observation::Magnetic { field_body, field_ned, sigma_t } if now >= self.magnetic_due => {
-                self.magnetic_due = now + Span::from_seconds(MAGNETIC_PERIOD_S);
-                fused
-                    .note(Measured::Magnetometer, self.filter.fuse_magnetic(field_body, field_ned, *sigma_t));
+            Observation::Magnetic { field_body, field_ned, sigma_t } => {
+                self.fuse_field(now, field_body, field_ned, *sigma_t, fused);
             }
-            Observation::Magnetic { .. } => {}
             Observation::Fix { measured, position_error, velocity_error, sigma } => {
                 let lag = match timeline.motion(*measured) {
                     Some((_, then)) => self.lag(now, *measured, &then, environment),
@@ -256,6 +274,26 @@ impl ErrorStateStage {
         }
     }
 
+    /// The magnetic field, every so often: its errors are not white.
+    fn fuse_field(
+        &mut self,
+        now: AutopilotTime,
+        field_body: &Vector3<f64>,
+        field_ned: &Vector3<f64>,
+        sigma_t: f64,
+        fused: &mut Fused,
+    ) {
+        if now < self.magnetic_due {
+            return;
+        }
+        self.magnetic_due = now + Span::from_seconds(MAGNETIC_PERIOD_S);
+        if self.yaw_sigma() > WIDE_YAW && self.head(field_body, field_ned, sigma_t) {
+            return;
+        }
+        let result = self.filter.fuse_magnetic(field_body, field_ned, sigma_t);
+        fused.note(Measured::Magnetometer, result);
+    }
+
     /// A horizontal position of the present; whether both components were taken.
     fn fuse_place(&mut self, error_ne: &Vector2<f64>, variance: &[f64; 2], fused: &mut Fused) -> bool {
         let before = self.filter.state().position_ned;
@@ -269,10 +307,9 @@ impl ErrorStateStage {
         taken
     }
 
-    /// `gap_s` without samples: what may have happened in it.
+    /// `gap_s` between two samples: what may have happened in it.
     pub(super) fn doubt(&mut self, gap_s: f64) {
-        let velocity = UNKNOWN_ACCELERATION * gap_s;
-        self.filter.inflate(UNKNOWN_RATE * gap_s, 0.5 * velocity * gap_s, velocity);
+        self.filter.doubt(&hole::doubt_between(gap_s));
     }
 
     /// Over a hole of `gap_s` with what was felt before and after, and the doubt that it leaves. `None` when that is not finite.
@@ -293,6 +330,45 @@ impl ErrorStateStage {
         self.doubt(gap_s);
         let acceleration = self.filter.state().r_body_to_ned * force + environment.gravity_ned;
         self.filter.is_finite().then(|| self.stepped(s, acceleration))
+    }
+
+    /// Over a hole that is too long for that: with the velocity that it had. `None` when that is not finite.
+    pub(super) fn coast(&mut self, s: &ImuSample, gap_s: f64) -> Option<Stepped> {
+        self.filter.coast(gap_s);
+        let speed = self.filter.state().velocity_ned.norm();
+        self.filter.doubt(&hole::doubt_beyond(gap_s, speed));
+        self.filter.is_finite().then(|| self.stepped(s, Vector3::zeros()))
+    }
+
+    /// Which way is up was found again; `field`: what the magnetometer has told since, and what the place has, with its noise, T.
+    pub(super) fn level(
+        &mut self,
+        found: &Levelled,
+        field: Option<(&Vector3<f64>, &Vector3<f64>)>,
+        sigma_t: f64,
+    ) {
+        let yaw = self.yaw_sigma();
+        self.filter.set_attitude(&found.turn_ned, found.tilt_sigma, yaw);
+        if let Some((body, ned)) = field.filter(|_| yaw > found.tilt_sigma) {
+            self.head(body, ned, sigma_t);
+        }
+    }
+
+    /// Standard deviation of the heading, rad.
+    pub(super) fn yaw_sigma(&self) -> f64 {
+        self.filter.attitude_covariance_ned()[(2, 2)].max(0.0).sqrt()
+    }
+
+    /// The magnetic field sets the heading. False where it says nothing about it.
+    fn head(&mut self, field_body: &Vector3<f64>, field_ned: &Vector3<f64>, sigma_t: f64) -> bool {
+        let attitude = self.filter.attitude_covariance_ned();
+        let tilt = (0.5 * (attitude[(0, 0)] + attitude[(1, 1)])).max(0.0).sqrt();
+        let state = self.filter.state();
+        let Some((turn, sigma)) = hole::heading_error(state, field_body, field_ned, sigma_t, tilt) else {
+            return false;
+        };
+        self.filter.set_attitude(&(Vector3::z() * turn), tilt, sigma.min(self.yaw_sigma()));
+        true
     }
 }
 

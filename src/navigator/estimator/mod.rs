@@ -9,12 +9,13 @@
 mod error_state;
 mod exogenous;
 mod heading;
+mod hole;
 mod observer;
 mod step;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::filter::error_state::EskfState;
+use crate::filter::error_state::{Doubt, EskfMemory, EskfState};
 use crate::filter::{HeadingEstimate, Jitter};
 use crate::observer::{Innovation, ObserverState};
 use crate::sample::ImuSample;
@@ -34,9 +35,10 @@ pub(super) use error_state::StartPoint;
 use error_state::{ErrorStateStage, StartSigmas};
 use exogenous::ExogenousStage;
 use heading::HeadingSearch;
+use hole::Settling;
 use observer::ObserverStage;
+pub(super) use step::{CarryInput, SeekInput, StepInput, StepOutcome, Stepped, has_flow, has_magnetometer};
 use step::{Progress, is_blind};
-pub(super) use step::{SeekInput, StepInput, StepOutcome, Stepped, has_flow, has_magnetometer};
 
 /// The stage over the observer.
 #[derive(Clone, Debug)]
@@ -57,6 +59,8 @@ pub(super) struct EstimatorStack {
     heading: HeadingSearch,
     /// How much the IMU shakes.
     jitter: Jitter,
+    /// After a long hole, until the attitude is found again.
+    settling: Option<Settling>,
 }
 
 impl EstimatorStack {
@@ -71,6 +75,7 @@ impl EstimatorStack {
             stage,
             heading: HeadingSearch::default(),
             jitter: Jitter::default(),
+            settling: None,
         }
     }
 
@@ -201,7 +206,8 @@ impl EstimatorStack {
             Stage::ErrorState(stage) => error_state::step(stage, s, dt, input, &progress, &mut fused),
             Stage::Exogenous(stage) => exogenous::step(stage, s, dt, input, &progress, &mut fused),
         };
-        let stepped = stepped.unwrap_or_else(|| {
+        let settled = self.settle(s, dt, input);
+        let stepped = settled.or(stepped).unwrap_or_else(|| {
             let r = observed.r_body_to_ned().unwrap_or(*r_body_to_ned);
             Stepped {
                 r_body_to_ned: r,
@@ -210,7 +216,7 @@ impl EstimatorStack {
                 injected_ned: report.acceleration_ned,
             }
         });
-        Some(StepOutcome { stepped, report, fused, restarted })
+        Some(StepOutcome { stepped, report, fused, restarted, settled: settled.is_some() })
     }
 
     /// Takes an observation.
@@ -222,6 +228,10 @@ impl EstimatorStack {
         environment: &LocalEnvironment,
     ) -> Fused {
         let mut fused = Fused::nothing();
+        if self.is_settling() {
+            // A velocity would be turned by an attitude that is not known yet.
+            return fused;
+        }
         match &mut self.stage {
             Stage::ErrorState(Some(stage)) => {
                 stage.fuse(now, observation, timeline, environment, &mut fused);
@@ -310,7 +320,7 @@ impl EstimatorStack {
     /// The position may be off by `sigma_m` more than the error-state filter thinks.
     pub(super) fn doubt_position(&mut self, sigma_m: f64) {
         if let Some(stage) = self.error_state_mut() {
-            stage.filter_mut().inflate(0.0, sigma_m, 0.0);
+            stage.filter_mut().doubt(&Doubt { position: sigma_m, ..Doubt::NONE });
         }
     }
 
@@ -424,24 +434,102 @@ impl EstimatorStack {
         self.heading.fly_on();
     }
 
-    /// Carries the error-state filter over a hole of `gap_s` that ends with `s`. `None` when there is none.
-    pub(super) fn bridge(
+    /// Carries the error-state filter over a hole of `gap_s` that ends with `s`: a short one with what was felt before and after, a longer
+    /// one with its velocity, and then the attitude has to be found again. `None` when there is no filter.
+    pub(super) fn carry_over(
         &mut self,
         last: &ImuSample,
         s: &ImuSample,
         gap_s: f64,
-        environment: &LocalEnvironment,
+        input: &CarryInput<'_>,
     ) -> Option<Stepped> {
         let stage = self.error_state_mut()?;
-        let stepped = stage.bridge(last, s, gap_s, environment)?;
-        let (p, v) = (stage.filter().state().position_ned, stage.filter().state().velocity_ned);
-        // The observer has no such memory: it goes on from where the filter is.
-        if let Some(state) = &mut self.observer.state {
-            state.r_hat = stepped.r_body_to_ned;
-            state.position_ned = p;
-            state.velocity_ned = v;
-            state.xi_ned = Vector3::zeros();
-        }
+        let short = gap_s <= input.settings.imu.bridge_s;
+        let stepped = if short {
+            stage.bridge(last, s, gap_s, input.environment)?
+        } else {
+            let stepped = stage.coast(s, gap_s)?;
+            self.settling = Some(Settling::default());
+            stepped
+        };
+        self.follow_filter();
+        Some(stepped)
+    }
+
+    /// The observer has no such memory: it goes on from where the filter is.
+    fn follow_filter(&mut self) {
+        let Some(filter) = self.filter_state().copied() else { return };
+        let state = self.observer.state.get_or_insert_with(|| {
+            ObserverState::new(filter.r_body_to_ned, Vector3::zeros(), Vector3::zeros())
+        });
+        state.r_hat = filter.r_body_to_ned;
+        state.position_ned = filter.position_ned;
+        state.velocity_ned = filter.velocity_ned;
+        state.gyro_bias = filter.gyro_bias;
+        state.xi_ned = Vector3::zeros();
+    }
+
+    /// What the error-state filter knows, if it runs and has an attitude.
+    pub(super) fn memory(&self) -> Option<EskfMemory> {
+        self.error_state().filter(|_| !self.is_settling()).map(|s| EskfMemory::of(s.filter()))
+    }
+
+    /// The error-state filter knows what it knew, and the observer follows it. False, and nothing has changed, where there is none, or that
+    /// is nothing that a filter knows.
+    pub(super) fn remember(
+        &mut self,
+        now: AutopilotTime,
+        memory: &EskfMemory,
+        settings: &NavigatorSettings,
+    ) -> bool {
+        let Stage::ErrorState(stage) = &mut self.stage else { return false };
+        let Some(remembering) = ErrorStateStage::remembering(now, memory, settings) else { return false };
+        *stage = Some(Box::new(remembering));
+        self.follow_filter();
+        self.observer.alignment.found(now);
+        true
+    }
+
+    /// Whether the heading that is flown on came from motion.
+    pub(super) fn by_motion(&self) -> bool {
+        self.heading.by_motion()
+    }
+
+    /// It did, before.
+    pub(super) fn lead_by_motion(&mut self) {
+        self.heading.fly_on();
+    }
+
+    /// Whether the attitude has to be found again.
+    pub(super) fn is_settling(&self) -> bool {
+        self.settling.is_some()
+    }
+
+    /// How well the filter knows the horizontal velocity, 1 sigma of its length, m/s.
+    pub(super) fn speed_sigma(&self) -> Option<f64> {
+        let v = self.error_state()?.filter().velocity_covariance();
+        Some((v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt())
+    }
+
+    /// How well the filter knows the heading, 1 sigma, rad.
+    pub(super) fn yaw_sigma(&self) -> Option<f64> {
+        self.error_state().map(ErrorStateStage::yaw_sigma)
+    }
+
+    /// One IMU sample more to find the attitude by; what is published when it was found with it.
+    fn settle(&mut self, s: &ImuSample, dt: f64, input: &StepInput<'_>) -> Option<Stepped> {
+        let (Some(settling), Stage::ErrorState(Some(stage))) = (&mut self.settling, &mut self.stage) else {
+            self.settling = None;
+            return None;
+        };
+        let due = input.magnetic.is_some() && input.magnetic_pair(s.time).is_none();
+        let found = settling.feel(s, dt, stage.filter().state(), input.wing, due)?;
+        let pair = input.magnetic_pair(s.time);
+        let field = pair.as_ref().map(|pair| (&pair.field_body, &pair.field_ned));
+        stage.level(&found, field, input.settings.magnetometer.sigma_t);
+        let stepped = stage.stepped(s, Vector3::zeros());
+        self.settling = None;
+        self.follow_filter();
         Some(stepped)
     }
 
@@ -463,6 +551,7 @@ impl EstimatorStack {
                     Stage::Exogenous(stage) => *stage = None,
                 }
                 self.heading = HeadingSearch::default();
+                self.settling = None;
                 if reset.reboots() {
                     self.observer.state = None;
                 }

@@ -108,6 +108,11 @@ impl AttitudeSearch {
         self.started = Some(time);
     }
 
+    /// It was found before.
+    pub(super) fn found(&mut self, time: AutopilotTime) {
+        (self.started, self.attitude_started) = (Some(time), Some(time));
+    }
+
     /// What was found does not hold any more.
     pub(in super::super) fn forget(&mut self) {
         self.calm_since = None;

@@ -71,6 +71,8 @@ pub(in super::super) struct StepInput<'a> {
     /// The newest corrected flow velocity, body, m/s.
     pub(in super::super) flow_velocity: Option<(AutopilotTime, Vector3<f64>)>,
     pub(in super::super) gnss_sigma_m: f64,
+    /// It is a fixed wing.
+    pub(in super::super) wing: bool,
 }
 
 impl StepInput<'_> {
@@ -130,6 +132,15 @@ pub(in super::super) struct StepOutcome {
     pub(in super::super) fused: Fused,
     /// The stage was started anew; it had been this far from the observer, rad.
     pub(in super::super) restarted: Option<f64>,
+    /// The attitude was found again after a hole.
+    pub(in super::super) settled: bool,
+}
+
+/// What a hole is carried over with besides the samples at its ends.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct CarryInput<'a> {
+    pub(in super::super) settings: &'a NavigatorSettings,
+    pub(in super::super) environment: &'a LocalEnvironment,
 }
 
 /// What the search for a heading needs besides the sample.

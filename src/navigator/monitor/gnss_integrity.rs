@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use strum::VariantArray;
 
 use crate::sample::{GnssFix, GnssSample};
-use crate::time::AutopilotTime;
+use crate::time::{AutopilotTime, Span};
 
 use super::super::reset::Reset;
 use crate::navigator::tuning::gnss_integrity::{
@@ -332,6 +332,15 @@ impl GnssIntegrity {
         self.state = GnssState::Trusted;
         self.last_good = Some(now);
         self.last_bad = None;
+    }
+
+    /// Nothing at all was heard for `gap_s` s. Up to `kept_s` that is no silence of the receiver's: what it was worth, it is worth still.
+    pub fn deaf(&mut self, gap_s: f64, kept_s: f64) {
+        if gap_s <= kept_s {
+            let gap = Span::from_seconds(gap_s);
+            self.last_good = self.last_good.map(|t| t + gap);
+            self.good_since = self.good_since.map(|t| t + gap);
+        }
     }
 
     /// How far the positions have run away from the velocities over the window, NE, m: what a slow lie has added so far.

@@ -96,6 +96,19 @@ impl BarometerSource {
         Some((CHANNELS[index], if stuck { SourceHealth::Faulty } else { SourceHealth::Healthy }))
     }
 
+    /// The numbers of the two.
+    pub(in super::super) fn sensors(&self) -> [Option<u8>; 2] {
+        self.barometers.map(|b| b.map(|b| b.sensor))
+    }
+
+    /// They have had their places until `heard`.
+    pub(in super::super) fn recall(&mut self, sensors: [Option<u8>; 2], heard: AutopilotTime) {
+        self.barometers = sensors.map(|sensor| {
+            let same = SamePressure { since: heard, pressure_pa: 0.0, height_m: None };
+            sensor.map(|sensor| KnownBarometer { sensor, heard, same, stuck: false })
+        });
+    }
+
     /// The height has moved without a climb.
     pub(in super::super) fn height_moved(&mut self) {
         for barometer in self.barometers.iter_mut().flatten() {

@@ -140,6 +140,18 @@ impl DragSource {
         self.used = known.then_some(now);
     }
 
+    /// Mean square of what is wrong with the force for some time, m²/s⁴.
+    pub(in super::super) fn spread(&self) -> f64 {
+        self.error.spread
+    }
+
+    /// The same, as it was learned before.
+    pub(in super::super) fn recall(&mut self, spread: f64) {
+        if (1e-9..=1e4).contains(&spread) {
+            self.error.spread = spread;
+        }
+    }
+
     fn forget(&mut self) {
         (self.mean, self.used) = (DragMean::default(), None);
     }

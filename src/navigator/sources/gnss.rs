@@ -7,13 +7,14 @@ use crate::sample::{GnssFix, GnssSample};
 use crate::time::{AutopilotTime, Span};
 
 use super::super::context::Context;
+use super::super::memory::ReceiverMemory;
 use super::super::monitor::gnss_integrity::{FixInnovation, GnssFault};
 use super::super::reset::Reset;
 use super::super::settings::GnssSettings;
 use super::super::timeline::CORRECTED_S;
 use super::latency::LatencyEstimator;
 use crate::navigator::tuning::gnss::{
-    CLAIM_GAIN, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
+    CLAIM_GAIN, DOUBTFUL_MPS, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
     VERTICAL_RATIO,
 };
 
@@ -165,6 +166,25 @@ impl GnssSource {
         self.sigma_m += CLAIM_GAIN * (reading.claimed_m - self.sigma_m);
     }
 
+    /// What was learned of the receiver.
+    pub(in super::super) fn memory(&self) -> ReceiverMemory {
+        ReceiverMemory {
+            receiver: self.receiver,
+            sigma_m: self.sigma_m,
+            latency_s: [self.latency.latency_s(), self.latency.sigma_s()],
+        }
+    }
+
+    /// It is what it was. False where no receiver is like that.
+    pub(in super::super) fn recall(&mut self, memory: &ReceiverMemory) -> bool {
+        if !(1e-3..=1e4).contains(&memory.sigma_m) {
+            return false;
+        }
+        (self.receiver, self.sigma_m) = (memory.receiver, memory.sigma_m);
+        self.latency.recall(memory.latency_s);
+        true
+    }
+
     pub(super) fn reset(&mut self, reset: &Reset) {
         if reset.breaks_motion() || *reset == Reset::Bridged {
             self.latency.interrupt();
@@ -204,7 +224,9 @@ pub(in super::super) fn expectation(reading: &FixReading, context: &Context<'_>)
     let (mut position_sigma_m, mut velocity_sigma_mps) = (0.0, 0.0);
     if let Some((_, v)) = core.estimator.estimate() {
         position_sigma_m = v.xy().norm() * LATENCY_JITTER_S;
-        if core.dead_reckoning() {
+        // With GNSS the receiver's own wander is what is expected; but after a hole in the stream the doubt is ours.
+        let doubtful = core.estimator.speed_sigma().is_some_and(|sigma| sigma > DOUBTFUL_MPS);
+        if core.dead_reckoning() || doubtful {
             let (p, v) = core.covariances(facts);
             position_sigma_m = (p[(0, 0)] + p[(1, 1)]).max(0.0).sqrt().hypot(position_sigma_m);
             velocity_sigma_mps = (v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt();

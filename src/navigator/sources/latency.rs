@@ -34,6 +34,14 @@ impl Latency {
         Self { seconds, variance: sigma_s * sigma_s, longest_s: longest_s.max(seconds) }
     }
 
+    /// Goes on from what was learned before, as far as it may be learned, and that is a latency.
+    fn recall(&mut self, kept: [f64; 2]) {
+        let [seconds, sigma_s] = kept;
+        if !self.is_fixed() && (0.0..=self.longest_s).contains(&seconds) && (1e-6..=1.0).contains(&sigma_s) {
+            (self.seconds, self.variance) = (seconds, sigma_s * sigma_s);
+        }
+    }
+
     fn is_fixed(&self) -> bool {
         self.variance == 0.0
     }
@@ -81,6 +89,11 @@ impl LatencyEstimator {
     /// Its standard deviation, s.
     pub fn sigma_s(&self) -> f64 {
         self.latency.variance.sqrt()
+    }
+
+    /// Goes on from a latency and its standard deviation, s, that were learned before.
+    pub fn recall(&mut self, kept: [f64; 2]) {
+        self.latency.recall(kept);
     }
 
     /// The next fix cannot be compared with the last one.
@@ -145,6 +158,11 @@ impl FlowLatency {
     /// Its standard deviation, s.
     pub fn sigma_s(&self) -> f64 {
         self.latency.variance.sqrt()
+    }
+
+    /// Goes on from a latency and its standard deviation, s, that were learned before.
+    pub fn recall(&mut self, kept: [f64; 2]) {
+        self.latency.recall(kept);
     }
 
     /// Whether there is anything to learn.

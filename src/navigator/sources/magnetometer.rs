@@ -127,7 +127,8 @@ impl MagnetometerSource {
             felt.filter(|f| (f.norm() / gravity - 1.0).abs() < FEELS_GRAVITY).map(|f| f.normalize())
         };
         let dt = self.dip_heard.replace(s.time).map_or(0.0, |t| s.time.seconds_since(t)).clamp(0.0, 1.0);
-        if let Some(down) = down_body {
+        // After a hole in the stream the attitude says nothing until it is found again.
+        if let Some(down) = down_body.filter(|_| !core.estimator.is_settling()) {
             let dip = |field: &Vector3<f64>, down: &Vector3<f64>| (field.dot(down) / field.norm()).asin();
             let steeper = dip(&s.field.raw(), &down) - dip(field_ned, &Vector3::z());
             // The plain mean at first, a low pass later.
@@ -137,6 +138,11 @@ impl MagnetometerSource {
         }
         let (mean, over_s) = self.dip;
         over_s > DIP_LEAST_S && mean.abs() > LARGEST_DIP
+    }
+
+    /// Whether motion has contradicted it, and it has not been believed again.
+    pub(in super::super) fn contradicted(&self) -> bool {
+        self.contradicted
     }
 
     /// Motion shows another heading than it does.

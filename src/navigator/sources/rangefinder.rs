@@ -53,6 +53,11 @@ impl RangefinderSource {
         self.newest
     }
 
+    /// The ground is where it was last seen.
+    pub(super) fn recalling(ground_m: f64) -> Self {
+        Self { ground_m: Some(ground_m), ..Self::default() }
+    }
+
     /// Height of the ground above the origin, m.
     pub(super) fn ground_m(&self) -> Option<f64> {
         self.ground_m

@@ -58,6 +58,17 @@ impl Rangefinders {
         self.sensors[self.measuring()].as_ref().map(|(_, sensor)| sensor)
     }
 
+    /// The number of the one that measures, and where it has seen the ground, m above the origin.
+    pub(in super::super) fn ground(&self) -> Option<(u8, f64)> {
+        let (id, sensor) = self.sensors[self.measuring()].as_ref()?;
+        sensor.ground_m().map(|ground_m| (*id, ground_m))
+    }
+
+    /// The ground is where it was last seen, by the one that will measure.
+    pub(in super::super) fn recall(&mut self, (id, ground_m): (u8, f64)) {
+        self.sensors = [Some((id, RangefinderSource::recalling(ground_m))), None];
+    }
+
     /// What is known against one of them, and whether it is the one that measures.
     pub(super) fn health(&self, id: u8) -> (SourceHealth, bool) {
         let place = self.sensors.iter().position(|of| of.is_some_and(|(sensor, _)| sensor == id));

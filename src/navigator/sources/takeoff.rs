@@ -33,6 +33,16 @@ impl TakeoffPlace {
         }
     }
 
+    /// Height, m, and position, NE, m, of the place.
+    pub(in super::super) fn memory(&self) -> Option<[f64; 3]> {
+        self.stood.map(|(height_m, place)| [height_m, place.x, place.y])
+    }
+
+    /// It is where it was.
+    pub(in super::super) fn recall(&mut self, place: Option<[f64; 3]>) {
+        self.stood = place.map(|[height_m, north, east]| (height_m, Vector2::new(north, east)));
+    }
+
     /// The ground below a vehicle at `position_ne`, m.
     pub(super) fn ground(&self, position_ne: &Vector2<f64>) -> Option<Ground> {
         self.stood.map(|(height_m, place)| {

@@ -18,6 +18,14 @@ pub(in crate::navigator) mod environment {
     pub(in crate::navigator) const FARTHEST_ORIGIN_M: f64 = 100_000.0;
 }
 
+/// What was kept.
+pub(in crate::navigator) mod memory {
+    /// After a longer time nothing that flies is where it was, s.
+    pub(in crate::navigator) const MOST_GAP_S: f64 = 60.0;
+    /// No glide is longer, and no ground lies further off, m.
+    pub(in crate::navigator) const LARGEST_OFFSET_M: f64 = 1e5;
+}
+
 /// The altimeter in the navigator.
 pub(in crate::navigator) mod height {
     /// A height that a channel moves after so long a silence is a return, s.

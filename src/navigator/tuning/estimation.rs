@@ -44,11 +44,31 @@ pub(in crate::navigator) mod error_state {
     pub(in crate::navigator) const HEIGHT_SIGMA_M: f64 = 0.5;
     /// Beyond this bank or pitch a wing does not fly nose first: cos 60°.
     pub(in crate::navigator) const MIN_UPRIGHT: f64 = 0.5;
+    /// The motion in a hole is integrated in steps of this, s.
+    pub(in crate::navigator) const BRIDGE_STEP_S: f64 = 0.02;
+    /// Beyond this the heading is too uncertain for linear corrections, rad: the magnetic field sets it.
+    pub(in crate::navigator) const WIDE_YAW: f64 = 0.6;
+}
+
+/// A hole in the stream.
+pub(in crate::navigator) mod hole {
     /// How far rotation and acceleration in a hole may be from those at its ends, rad/s and m/s², 1 sigma.
     pub(in crate::navigator) const UNKNOWN_RATE: f64 = 0.3;
     pub(in crate::navigator) const UNKNOWN_ACCELERATION: f64 = 2.0;
-    /// The motion in a hole is integrated in steps of this, s.
-    pub(in crate::navigator) const BRIDGE_STEP_S: f64 = 0.02;
+    /// What a tilt, and a heading, may be off by at most, rad: a vehicle in the air leans so far, and heads anywhere (π/√3).
+    pub(in crate::navigator) const MOST_TILT: f64 = 0.5;
+    pub(in crate::navigator) const MOST_YAW: f64 = 1.8;
+    /// Standard deviation of a velocity on an axis in the long run, m/s, where the last one was less: a multirotor that hovered may have
+    /// left. It changes within this time, s.
+    pub(in crate::navigator) const LEAST_SPEED: f64 = 4.0;
+    pub(in crate::navigator) const CORRELATED_S: f64 = 4.0;
+    /// The mean specific force over this long, s, says where up is, to within what vehicles accelerate by, rad: 2 m/s² of 1 g.
+    pub(in crate::navigator) const SETTLED_S: f64 = 0.15;
+    pub(in crate::navigator) const LEVEL_SIGMA: f64 = 0.2;
+    /// The first field of the magnetometer is waited for as long as this, s.
+    pub(in crate::navigator) const WAIT_FOR_FIELD_S: f64 = 0.25;
+    /// A heading that nothing has told to better than this, rad, is sought anew when GNSS comes back.
+    pub(in crate::navigator) const LOST_YAW: f64 = 0.7;
 }
 
 /// The exogenous stage.

@@ -8,10 +8,10 @@ mod estimation;
 mod sensing;
 
 pub(super) use decisions::{
-    budget, core, environment, gnss_integrity, heading_witness, height, landmark_fix, outage, published,
-    relative, step, stream, uncertainty, vehicle,
+    budget, core, environment, gnss_integrity, heading_witness, height, landmark_fix, memory, outage,
+    published, relative, step, stream, uncertainty, vehicle,
 };
-pub(super) use estimation::{error_state, estimator, estimator_step, exogenous, heading, observer};
+pub(super) use estimation::{error_state, estimator, estimator_step, exogenous, heading, hole, observer};
 pub(super) use sensing::{
     airspeed, barometer, drag, every_source, flow, flow_image, flow_measure, following, gnss, landmark_pose,
     landmark_relation, landmarks, latency, magnetometer, rangefinder, rangefinders, standstill, status,

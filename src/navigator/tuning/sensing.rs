@@ -122,6 +122,8 @@ pub(in crate::navigator) mod gnss {
     pub(in crate::navigator) const LATENCY_JITTER_S: f64 = 0.1;
     /// Vertical over horizontal accuracy of a receiver that claims none.
     pub(in crate::navigator) const VERTICAL_RATIO: f64 = 1.5;
+    /// A filter that knows its velocity no better than this, m/s, is what is wrong where a fix does not fit.
+    pub(in crate::navigator) const DOUBTFUL_MPS: f64 = 1.0;
     /// What a receiver claims is followed by this part a fix.
     pub(in crate::navigator) const CLAIM_GAIN: f64 = 0.1;
 }

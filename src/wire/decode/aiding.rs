@@ -203,7 +203,7 @@ impl Decoder {
     }
 
     /// LANDING_TARGET of the autopilot, or of another component of the vehicle that sees landmarks: that one's stamps are read on the
-    /// autopilot's clock, and move nothing.
+    /// autopilot's clock, and move nothing. A camera on a link of its own may have a clock of its own.
     pub(super) fn landing_target(
         &mut self,
         m: &apm::LANDING_TARGET_DATA,
@@ -212,6 +212,8 @@ impl Decoder {
     ) -> Result<(), Cause> {
         let time = if self.is_own(from) {
             self.clock.usec(m.time_usec)?
+        } else if self.apart {
+            self.stamped_usec(m.time_usec, from)?
         } else {
             self.clock.foreign_usec(m.time_usec)?
         };

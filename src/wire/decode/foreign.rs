@@ -1,5 +1,5 @@
 //! Measurements that other components of the vehicle send themselves: a companion's camera, a flow sensor or a rangefinder on the same
-//! network.
+//! network, or on a link of their own (`link.sensor_endpoints`).
 //!
 //! Their stamps are read where they are on the autopilot's clock, and never move it. A component may stamp with its own time since it
 //! was switched on; then its word is taken to be as old as its message. An autopilot that is told of a flow sends it out again as its own
@@ -21,7 +21,7 @@ pub(super) struct OwnSensors(Vec<(Meaning, u8, AutopilotTime)>);
 impl Decoder {
     /// Whether a frame is the autopilot's own.
     pub(super) fn is_own(&self, from: ComponentId) -> bool {
-        self.vehicle.is_some_and(|(_, component)| component == from)
+        !self.apart && self.vehicle.is_some_and(|(_, component)| component == from)
     }
 
     /// A stamp of microseconds, of the autopilot or of another component.

@@ -73,6 +73,8 @@ pub struct Decoder {
     flows: Vec<FlowReadings>,
     own_sensors: OwnSensors,
     repairs: Repairs,
+    /// What is decoded came on a link for sensors: nothing on it is the autopilot's own.
+    apart: bool,
     status: Option<VehicleStatus>,
     /// Whether there is a pitot tube, once that is known.
     pitot: Option<bool>,
@@ -101,6 +103,7 @@ impl Decoder {
             flows: Vec::new(),
             own_sensors: OwnSensors::default(),
             repairs: Repairs::default(),
+            apart: false,
             status: None,
             pitot: None,
         }
@@ -160,6 +163,25 @@ impl Decoder {
             // Before the sample that revealed it.
             out.insert(0, Input::Clock(event));
         }
+    }
+
+    /// Decodes a frame that came on a link for sensors, of whatever system. Whether it is a measurement that any component may make: nothing
+    /// else is taken there.
+    pub fn decode_sensor(&mut self, frame: &Frame<'_>, out: &mut Vec<Input>) -> bool {
+        if self.vehicle.is_none() || !from_any_component(frame.message_id()) {
+            return false;
+        }
+        self.counters.frames += 1;
+        self.apart = true;
+        let result = match frame.parse() {
+            Ok(message) => self.any_component(&message, frame.component(), out),
+            Err(error) => Err(cause_of(&error)),
+        };
+        self.apart = false;
+        if let Err(cause) = result {
+            self.counters.count(cause);
+        }
+        true
     }
 
     fn message(&mut self, message: &MavMessage, out: Out<'_>) -> Result<(), Cause> {

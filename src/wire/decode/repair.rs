@@ -32,6 +32,17 @@ impl Repair {
         }
     }
 
+    /// A word that stays the same, to search for.
+    pub const fn code(self) -> &'static str {
+        match self {
+            Repair::GnssByArrival => "gnss-by-arrival",
+            Repair::GnssRepeated => "gnss-repeated",
+            Repair::FlowRepeated => "flow-repeated",
+            Repair::FieldUnit(_) => "field-unit",
+            Repair::ForeignByArrival => "foreign-by-arrival",
+        }
+    }
+
     /// A short name for tables.
     pub const fn label(self) -> &'static str {
         match self {
@@ -104,6 +115,20 @@ impl Repairs {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_code_is_explained() {
+        let all = [
+            Repair::GnssByArrival,
+            Repair::GnssRepeated,
+            Repair::FlowRepeated,
+            Repair::FieldUnit(3),
+            Repair::ForeignByArrival,
+        ];
+        assert_eq!(all.map(Repair::kind).to_vec(), (0..Repair::KINDS).collect::<Vec<_>>());
+        let page = include_str!("../../../docs/src/sensors.md");
+        assert!(all.iter().all(|r| page.contains(&format!("| `{}` |", r.code()))));
+    }
 
     #[test]
     fn each_kind_is_told_once_when_it_is_no_accident() {

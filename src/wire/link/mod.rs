@@ -95,6 +95,8 @@ pub struct LinkConfig {
     pub backoff_cap: Duration,
     /// Only an autopilot of this system can pin a UDP peer; `None` allows any.
     pub system: Option<SystemId>,
+    /// The links from this number on are for sensors: whoever sends a measurement there pins its UDP peer.
+    pub sensors_from: usize,
 }
 
 impl Default for LinkConfig {
@@ -111,6 +113,7 @@ impl Default for LinkConfig {
             backoff_first: Duration::from_millis(100),
             backoff_cap: Duration::from_secs(5),
             system: None,
+            sensors_from: usize::MAX,
         }
     }
 }

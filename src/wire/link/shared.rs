@@ -72,6 +72,11 @@ impl Shared {
         self.id
     }
 
+    /// Whether this link is for sensors.
+    pub(super) fn is_for_sensors(&self) -> bool {
+        self.id.0 >= self.config.sensors_from
+    }
+
     pub(super) fn now(&self) -> Stamp<Companion> {
         self.clock.now()
     }

@@ -15,6 +15,7 @@ use super::pin::{Pin, PinVerdict};
 use super::shared::{Shared, span};
 use crate::time::{Companion, Stamp};
 use crate::wire::endpoint::{Endpoint, HostPort};
+use crate::wire::messages::from_any_component;
 use crate::wire::session::heartbeat_fields::HeartbeatFields;
 
 /// The longest datagram there is.
@@ -156,8 +157,8 @@ fn datagram_from(
     shared: &Shared,
     pin: &SharedPin,
 ) {
-    let (valid, autopilot) = look_through(datagram, shared);
-    let verdict = pin.lock().judge(peer, received, valid, autopilot);
+    let (valid, pins) = look_through(datagram, shared);
+    let verdict = pin.lock().judge(peer, received, valid, pins);
     match verdict {
         PinVerdict::Stranger => return shared.stranger(peer),
         PinVerdict::Pinned => shared.up(peer.to_string(), |peer| LinkEventKind::PeerPinned { peer }),
@@ -171,17 +172,22 @@ fn datagram_from(
     });
 }
 
-/// Whether a datagram holds a valid frame, and whether it holds the heartbeat of an autopilot that may pin.
+/// Whether a datagram holds a valid frame, and whether it holds what may pin: the heartbeat of an autopilot, or on a link for sensors a
+/// measurement.
 fn look_through(datagram: &[u8], shared: &Shared) -> (bool, bool) {
-    let (mut valid, mut autopilot) = (false, false);
+    let (mut valid, mut pins) = (false, false);
     deframe(datagram, true, |found| {
         if let Found::Frame(frame) = found {
             valid = true;
-            autopilot |= shared.config.system.is_none_or(|system| system == frame.system())
+            if shared.is_for_sensors() {
+                pins |= from_any_component(frame.message_id());
+                return;
+            }
+            pins |= shared.config.system.is_none_or(|system| system == frame.system())
                 && HeartbeatFields::read(&frame).is_some_and(|fields| fields.is_autopilot());
         }
     });
-    (valid, autopilot)
+    (valid, pins)
 }
 
 async fn answer_pinned(socket: &UdpSocket, shared: &Shared, pin: &SharedPin) -> Infallible {

@@ -5,7 +5,7 @@ mod measure;
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3};
 
-use crate::camera::{Distrust, FlowCalibration};
+use crate::camera::{CalibrationMemory, Distrust, FlowCalibration};
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::FlowSample;
@@ -14,6 +14,7 @@ use crate::time::AutopilotTime;
 use super::super::context::Context;
 use super::super::core::Core;
 use super::super::event::EventKind;
+use super::super::memory::FlowMemory;
 use super::super::monitor::outage::CarriedBy;
 use super::super::observation::Observation;
 use super::super::reset::Reset;
@@ -430,6 +431,30 @@ impl FlowSource {
             Some(Ok(())) => SourceHealth::Healthy,
             Some(Err(Distrust::NotCompared)) | None => SourceHealth::Suspect,
             Some(Err(_)) => SourceHealth::Faulty,
+        }
+    }
+
+    /// What was learned of every sensor.
+    pub(in super::super) fn memory(&self) -> Vec<FlowMemory> {
+        let memory = |f: &FlowSensor| FlowMemory {
+            id: f.id,
+            calibration: CalibrationMemory::of(&f.calibration),
+            latency_s: [f.latency.latency_s(), f.latency.sigma_s()],
+        };
+        self.sensors.iter().map(memory).collect()
+    }
+
+    /// The sensors are what they were; in the order of then, for the first that is trusted carries.
+    pub(in super::super) fn recall(&mut self, memory: &[FlowMemory], settings: &FlowSettings) {
+        self.sensors.clear();
+        for kept in memory.iter().take(MAX_SENSORS) {
+            let mut sensor = FlowSensor::new(kept.id, settings);
+            if let Some(calibration) = kept.calibration.calibration(settings.calibration) {
+                sensor.trust = calibration.trust();
+                sensor.calibration = calibration;
+            }
+            sensor.latency.recall(kept.latency_s);
+            self.sensors.push(sensor);
         }
     }
 

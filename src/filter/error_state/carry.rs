@@ -1,0 +1,167 @@
+//! Over a time of which nothing was measured: the state goes on with its velocity, and with the doubt that this leaves.
+//!
+//! Beside it, what a filter that has lost its attitude finds it by again: which way is up, and where the magnetic field points. Both set
+//! the attitude at once, whatever the error was; the filter's own updates are linear, and good for small errors only.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{BA, BG, BM, Eskf, FLOW, MICRO, P, THETA, V, WIND};
+use crate::geo::so3::exp;
+
+/// What may have happened while nothing was measured: standard deviations an axis, rad, m and m/s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Doubt {
+    /// Of roll and pitch.
+    pub tilt: f64,
+    /// Of the heading.
+    pub yaw: f64,
+    /// Of the position.
+    pub position: f64,
+    /// Of the velocity.
+    pub velocity: f64,
+    /// Covariance of position and velocity over the product of their standard deviations, 0 to 1.
+    pub correlation: f64,
+}
+
+impl Doubt {
+    /// None at all.
+    pub const NONE: Doubt = Doubt { tilt: 0.0, yaw: 0.0, position: 0.0, velocity: 0.0, correlation: 0.0 };
+}
+
+impl Eskf {
+    /// Adds what may have happened. Tilt and heading are rotations about NED's axes.
+    pub fn doubt(&mut self, doubt: &Doubt) {
+        self.propagate_covariance();
+        let tilted = Vector3::new(doubt.tilt, doubt.tilt, doubt.yaw).map(|s| s * s);
+        let r = &self.state.r_body_to_ned;
+        let body = r.transpose() * Matrix3::from_diagonal(&tilted) * r;
+        let mut theta = self.p.fixed_view_mut::<3, 3>(THETA, THETA);
+        theta += 0.5 * (body + body.transpose());
+        let both = doubt.correlation * doubt.position * doubt.velocity;
+        for i in 0..3 {
+            self.p[(P + i, P + i)] += doubt.position * doubt.position;
+            self.p[(V + i, V + i)] += doubt.velocity * doubt.velocity;
+            self.p[(P + i, V + i)] += both;
+            self.p[(V + i, P + i)] += both;
+        }
+    }
+
+    /// Goes on for `seconds` at constant velocity: p ← p + v·t, with its error likewise, and every walk walks on. Attitude and velocity stay.
+    pub fn coast(&mut self, seconds: f64) {
+        self.propagate_covariance();
+        self.state.position_ned += self.state.velocity_ned * seconds;
+        // P ← Φ P Φᵀ with Φ = I but for δp += t δv: rows first, then columns.
+        for i in 0..3 {
+            let moved = self.p.row(V + i) * seconds;
+            self.p.row_mut(P + i).zip_apply(&moved, |p, m| *p += m);
+        }
+        for i in 0..3 {
+            let moved = self.p.column(V + i) * seconds;
+            self.p.column_mut(P + i).zip_apply(&moved, |p, m| *p += m);
+        }
+        let s = self.settings;
+        for (at, n, density) in [
+            (BG, 3, s.gyro_bias_walk),
+            (BA, 3, s.accel_bias_walk),
+            (FLOW, 2, s.flow_bias_walk),
+            (FLOW + 2, 2, s.flow_scale_walk),
+            (BM, 3, s.magnetic_bias_walk * MICRO),
+            (WIND, 2, s.air.wind_walk),
+        ] {
+            for i in at..at + n {
+                self.p[(i, i)] += density * density * seconds;
+            }
+        }
+    }
+
+    /// The attitude is turned by `turn` (rad, about NED's axes) and known this well from then on: roll and pitch, heading, rad. It forgets
+    /// what it had to do with everything else.
+    pub fn set_attitude(&mut self, turn_ned: &Vector3<f64>, tilt: f64, yaw: f64) {
+        self.propagate_covariance();
+        self.state.r_body_to_ned = exp(turn_ned) * self.state.r_body_to_ned;
+        for axis in 0..3 {
+            self.decorrelate(THETA + axis, 0.0);
+        }
+        self.doubt(&Doubt { tilt, yaw, ..Doubt::NONE });
+        self.restart_transition();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{EskfSettings, EskfState, StartSigma};
+    use super::*;
+    use nalgebra::{SMatrix, SymmetricEigen};
+
+    const STILL: EskfSettings = EskfSettings {
+        gyro_noise: 0.0,
+        accel_noise: 0.0,
+        gyro_rate_noise: 0.0,
+        accel_load_noise: 0.0,
+        gyro_bias_walk: 0.0,
+        accel_bias_walk: 0.0,
+        gyro_scale_sigma: 0.0,
+        magnetic_bias_walk: 0.0,
+        magnetic_bias_sigma: 0.0,
+        flow_bias_walk: 0.0,
+        flow_scale_walk: 0.0,
+        air: super::super::AirModel {
+            wind_sigma: 0.0,
+            wind_walk: 0.0,
+            airspeed_scale_sigma: 0.0,
+            drag_sigma: 0.0,
+        },
+        gate_sigma: 5.0,
+    };
+
+    fn filter() -> Eskf {
+        let r = exp(&Vector3::new(0.1, -0.2, 1.0));
+        let state = EskfState::moving(r, Vector3::zeros(), Vector3::new(3.0, -1.0, 0.0), Vector3::zeros());
+        let sigma = StartSigma {
+            attitude_body: Vector3::repeat(0.01),
+            position_ned: Vector3::repeat(1.0),
+            velocity_ned: Vector3::repeat(0.5),
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            flow: SMatrix::zeros(),
+        };
+        Eskf::new(STILL, state, &sigma)
+    }
+
+    #[test]
+    fn what_coasts_moves_with_its_velocity_and_its_doubt() {
+        let mut filter = filter();
+        filter.coast(4.0);
+        assert!((filter.state().position_ned - Vector3::new(12.0, -4.0, 0.0)).norm() < 1e-12);
+        // 1² + (4 · 0.5)²
+        assert!((filter.position_covariance()[(0, 0)] - 5.0).abs() < 1e-12);
+        assert!((filter.velocity_covariance()[(0, 0)] - 0.25).abs() < 1e-12);
+    }
+
+    #[test]
+    fn doubt_that_is_correlated_is_taken_back_in_the_position_when_the_velocity_is_seen() {
+        let doubt = Doubt { tilt: 0.1, yaw: 0.3, position: 10.0, velocity: 5.0, correlation: 0.8 };
+        let mut filter = filter();
+        filter.doubt(&doubt);
+        assert!(SymmetricEigen::new(filter.p).eigenvalues.min() > -1e-9);
+        let attitude = filter.attitude_covariance_ned();
+        assert!((attitude[(0, 0)] - 0.0101).abs() < 1e-9 && (attitude[(2, 2)] - 0.0901).abs() < 1e-9);
+        let before = filter.position_covariance()[(0, 0)];
+        let seen = super::super::covariance::SparseRow::unit(V);
+        filter.fuse(&seen, 2.0, 0.01).unwrap();
+        // 10 m · 0.8 / 5 m/s a metre per second, and 1 − 0.8² of the variance is left.
+        assert!((filter.state().position_ned.x - 3.2).abs() < 0.1);
+        assert!((filter.position_covariance()[(0, 0)] / before - 0.36).abs() < 0.03);
+    }
+
+    #[test]
+    fn an_attitude_that_is_set_is_known_as_told_and_forgets_the_rest() {
+        let mut filter = filter();
+        let before = filter.state().r_body_to_ned;
+        filter.set_attitude(&Vector3::new(0.0, 0.0, 2.0), 0.2, 0.4);
+        let turned = exp(&Vector3::new(0.0, 0.0, 2.0)) * before;
+        assert!((filter.state().r_body_to_ned - turned).norm() < 1e-12);
+        let attitude = filter.attitude_covariance_ned();
+        assert!((attitude[(1, 1)] - 0.04).abs() < 1e-12 && (attitude[(2, 2)] - 0.16).abs() < 1e-12);
+    }
+}
