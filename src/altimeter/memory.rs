@@ -127,7 +127,10 @@ mod tests {
         let offset = |a: &Altimeter| a.offset_m(Channel::Baro).unwrap();
         // Brought up to the present, it has gone back a little towards what is normal.
         assert!((offset(&back) - offset(&altimeter)).abs() < 0.1);
-        assert_eq!(back.health(Channel::Baro), Health::Healthy);
+        // Thirty metres apart somebody is at fault by these settings, and stays so.
+        let faulty = |a: &Altimeter| [Channel::Baro, Channel::Gnss].map(|c| a.health(c).is_faulty());
+        assert_eq!(faulty(&back), faulty(&altimeter));
+        assert!(faulty(&back).contains(&true));
         assert_eq!(back.health(Channel::Range), Health::Unheard);
         let wrong = |f: fn(&mut AltimeterMemory)| {
             let mut memory = memory.clone();
