@@ -1,6 +1,7 @@
 //! Inputs in, messages out: the part that live flight, replay and simulation share.
 
 use crate::geo::magnetic::decimal_year_from_unix_us;
+use crate::geo::{Geodetic, LocalNed, Ned};
 use crate::navigator::Navigator;
 use crate::navigator::settings::NavigatorSettings;
 use crate::navigator::solution::Solution;
@@ -55,6 +56,18 @@ impl Pipeline {
         }));
     }
 
+    /// The autopilot told its origin: the navigator's frame is put there, and the output knows by how much it moved.
+    fn share_origin(&mut self, clock: &AutopilotClock, origin: &Geodetic) {
+        let before = self.navigator.frame().cloned();
+        let Some(time) = clock.newest() else { return };
+        if !self.navigator.set_origin(time, *origin) {
+            return;
+        }
+        let after = self.navigator.frame().map(LocalNed::origin);
+        let moved = before.zip(after).filter(|(before, after)| before.origin() != *after);
+        self.outbound.origin_shared(moved.map(|(before, after)| Ned::new(before.to_ned(&after))));
+    }
+
     /// Takes one input and appends what is to be sent. Returns the new solution after an IMU sample.
     pub fn take(
         &mut self,
@@ -89,11 +102,7 @@ impl Pipeline {
                 None
             }
             Input::Origin(origin) => {
-                if let Some(time) = clock.newest()
-                    && self.navigator.set_origin(time, *origin)
-                {
-                    self.outbound.origin_shared();
-                }
+                self.share_origin(clock, origin);
                 None
             }
             Input::Status(status) => {

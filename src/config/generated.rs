@@ -151,7 +151,7 @@ mod tests {
             }
         }
         assert!(text.contains("| `loss_s` | s | [0.2, 60] | `1.0` | No good fix for this long is a loss. |"));
-        assert!(text.contains("| `publish` |  | holdover, always, never | `\"holdover\"` |"));
+        assert!(text.contains("| `publish` |  | auto, holdover, always, never | `\"auto\"` |"));
     }
 
     #[test]

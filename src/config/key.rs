@@ -160,7 +160,9 @@ typed! {
     crate::navigator::settings::Estimator: Text,
     crate::navigator::settings::FlowBiasSource: Text,
     crate::outbound::Carriage: Text,
+    crate::outbound::Covariance: Text,
     crate::outbound::Publish: Text,
+    crate::wire::session::source_switch::SwitchedBy: Text,
 }
 
 impl<T: Typed> Typed for Option<T> {

@@ -24,6 +24,7 @@ use crate::state::StateDirectory;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
 use crate::wire::session::requests::StreamSettings;
+use crate::wire::session::source_switch::SwitchSettings;
 
 pub use error::{ConfigError, Origin, Problem};
 pub use generated::{default_toml, reference_markdown};
@@ -52,6 +53,8 @@ pub struct Settings {
     pub streams: StreamSettings,
     /// Navigation and output.
     pub pipeline: PipelineSettings,
+    /// How an ArduPilot is switched over to our position, and back.
+    pub source_switch: SwitchSettings,
     /// Tell mode changes by STATUSTEXT.
     pub statustext: bool,
     /// Where the state is kept.

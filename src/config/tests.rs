@@ -97,7 +97,7 @@ fn what_is_wrong_names_the_file_the_line_the_key_and_what_is_right() {
     );
     refused(
         "[outbound]\npublish = \"maybe\"\n",
-        &["outbound.publish is to be one of holdover, always, never, not \"maybe\""],
+        &["outbound.publish is to be one of auto, holdover, always, never, not \"maybe\""],
     );
     refused("[flow]\nuse = 3\n", &["flow.use is to be true or false, not 3"]);
     refused("flow = 3\n", &[":1: flow is a section"]);

@@ -3,6 +3,7 @@
 //! One task, one thread. It is handed links that are open, a clock and a token that stops it, so that a test needs neither fixed
 //! ports nor signals. Nothing is sent but on a new IMU sample: when the stream stops, so does the output.
 
+mod hand_over;
 mod keeping;
 mod severity;
 mod summary;
@@ -17,6 +18,7 @@ use tokio_util::sync::CancellationToken;
 use crate::altimeter::{Channel, Health as HeightHealth};
 use crate::config::Settings;
 use crate::navigator::solution::{Mode, Solution};
+use crate::outbound::handover::Sending;
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline};
 use crate::sample::{Input, Sample, SampleKind};
@@ -117,6 +119,9 @@ pub struct Daemon {
     beat: HeartbeatSender,
     keeping: Keeping,
     solution: Option<Solution>,
+    /// Age of the newest position when it comes to the autopilot, s, where that is known.
+    age_s: Option<f64>,
+    sending_told: Option<Sending>,
     /// Of one frame; kept for its memory.
     inputs: Vec<Input>,
     messages: Vec<OutboundMessage>,
@@ -137,7 +142,7 @@ impl Daemon {
             sensors_from: settings.endpoints.len(),
             transmitter: Transmitter::new(links.handles.clone(), system),
             links: Some(links),
-            session: AutopilotSession::new(settings.system, settings.streams),
+            session: AutopilotSession::new(settings.system, settings.streams, settings.source_switch),
             decoder: Decoder::new(),
             pipeline: Pipeline::new(&settings.pipeline),
             mask: GnssMask::new(deny_gnss),
@@ -146,6 +151,8 @@ impl Daemon {
             beat: HeartbeatSender::default(),
             keeping: Keeping::default(),
             solution: None,
+            age_s: None,
+            sending_told: None,
             inputs: Vec::with_capacity(16),
             messages: Vec::with_capacity(4),
             counts: Counts::default(),
@@ -296,6 +303,10 @@ impl Daemon {
                 self.say(Severity::Notice, "the autopilot is back");
                 self.session.restart();
             }
+            IdentityEvent::NoHeartbeat(span) => {
+                let text = format!("no heartbeat for {:.0} s, other messages come", span.seconds());
+                self.say(Severity::Warning, &text);
+            }
             IdentityEvent::Armed(armed) => tracing::info!("{}", if armed { "armed" } else { "disarmed" }),
             IdentityEvent::Version(version) => tracing::info!("firmware {version}"),
             IdentityEvent::VersionUnknown => tracing::info!("the firmware's version is not told"),
@@ -328,6 +339,9 @@ impl Daemon {
         if let Input::Sample(sample) = input {
             self.counts.heard[sample.kind() as usize] += 1;
         }
+        if let Input::Sample(Sample::Gnss(fix)) = input {
+            self.receiver_spoke(fix, at);
+        }
         if let Some(time) = self.mask.withholds(input) {
             self.pipeline.navigator.mask_gnss(time);
             return;
@@ -354,6 +368,7 @@ impl Daemon {
         let mut messages = std::mem::take(&mut self.messages);
         if let Some(solution) = self.pipeline.take(self.decoder.clock(), input, &mut messages) {
             self.solution = Some(solution);
+            self.tell_sending();
         }
         for message in messages.drain(..) {
             self.send_position(&message, at);
@@ -373,12 +388,17 @@ impl Daemon {
     }
 
     fn send_position(&mut self, message: &OutboundMessage, at: Stamp<Companion>) {
-        if self.clock.now() - at > self.stale_after {
+        let now = self.clock.now();
+        if now - at > self.stale_after {
             self.counts.late += 1;
             return;
         }
         match encode(message, self.decoder.clock()) {
-            Some(message) => self.counts.sent += u64::from(self.transmitter.answer(&message)),
+            Some(encoded) if self.transmitter.answer(&encoded) => {
+                self.counts.sent += 1;
+                self.position_left(message.time(), now);
+            }
+            Some(_) => {}
             None => self.counts.not_finite += 1,
         }
     }
@@ -422,7 +442,9 @@ impl Daemon {
         if let Some(beat) = self.beat.poll(now, health, code) {
             self.transmitter.broadcast(&beat);
         }
-        let due = self.session.poll(now);
+        self.follow_standing(now);
+        let situation = self.situation();
+        let due = self.session.poll(now, &situation);
         for message in &due.messages {
             self.transmitter.answer(message);
         }
@@ -431,6 +453,9 @@ impl Daemon {
         }
         for refusal in due.refusals {
             tracing::warn!("{refusal}");
+        }
+        for news in due.hand_over {
+            self.tell_hand_over(news);
         }
         if let Some(news) = self.watch.poll(now) {
             self.imu_news(news);
@@ -498,6 +523,7 @@ impl Daemon {
             sources: self.pipeline.navigator.source_reports(),
             rates_hz,
             sent: self.counts.sent,
+            hand_over: self.hand_over_summary(now),
             not_finite: self.counts.not_finite,
             late: self.counts.late,
             rejects,

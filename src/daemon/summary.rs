@@ -5,10 +5,12 @@ use std::fmt;
 use crate::altimeter::{Channel, Health};
 use crate::navigator::solution::Mode;
 use crate::navigator::sources::status::{SourceHealth, SourceReport};
+use crate::outbound::handover::{Sending, StandsOn};
 use crate::sample::SampleKind;
 use crate::time::Span;
 use crate::wire::counters::Counters;
 use crate::wire::decode::Repairs;
+use crate::wire::session::fusion::Fusion;
 
 /// What the daemon counted, at one moment.
 #[derive(Clone, Debug)]
@@ -25,6 +27,8 @@ pub struct Summary {
     pub rates_hz: [f64; SampleKind::ALL.len()],
     /// Position messages sent.
     pub sent: u64,
+    /// Whether and why they are sent, and what the autopilot makes of them, once it is known.
+    pub hand_over: Option<HandOverSummary>,
     /// Position messages withheld, because a number in them was not finite.
     pub not_finite: u64,
     /// Position messages withheld, because the sample they stand on waited too long in the daemon.
@@ -49,6 +53,32 @@ pub struct Summary {
     pub words_withheld: u64,
     /// Reboots of the autopilot.
     pub reboots: u32,
+}
+
+/// How it stands with the hand-over.
+#[derive(Clone, Copy, Debug)]
+pub struct HandOverSummary {
+    /// Whether something is sent, and why.
+    pub sending: Sending,
+    /// What the autopilot's position stands on.
+    pub standing: StandsOn,
+    /// What it makes of what is sent.
+    pub fusion: Fusion,
+    /// Our frame to the autopilot's, m, and its heading less ours, rad, once they were compared.
+    pub offset: Option<(f64, f64)>,
+}
+
+impl fmt::Display for HandOverSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "; {}; autopilot on {}", self.sending.label(), self.standing.label())?;
+        if self.fusion != Fusion::NotSent {
+            write!(f, "; {}", self.fusion)?;
+        }
+        if let Some((offset_m, heading_rad)) = self.offset {
+            write!(f, "; its frame {offset_m:.1} m and {:.1} deg from ours", heading_rad.to_degrees())?;
+        }
+        Ok(())
+    }
 }
 
 impl Summary {
@@ -119,12 +149,22 @@ impl fmt::Display for Summary {
         self.write_doubted(f)?;
         self.write_heard(f)?;
         self.write_sent(f)?;
+        if let Some(hand_over) = &self.hand_over {
+            write!(f, "{hand_over}")?;
+        }
         for (i, (cause, n)) in self.rejects.seen().enumerate() {
             write!(f, "{} {n} {}", if i == 0 { "; rejected" } else { "," }, cause.label())?;
         }
         for (repair, n) in self.repairs.seen() {
             write!(f, "; {n} {}", repair.label())?;
         }
+        self.write_clock(f)
+    }
+}
+
+impl Summary {
+    /// How the autopilot's clock is known.
+    fn write_clock(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.timesync {
             Some((offset, round_trip)) => write!(
                 f,

@@ -158,6 +158,8 @@ impl Core {
             }
         } else if self.mode == Mode::Rejoining && self.integrity.trusted() {
             self.published.glide(dt, &self.settings.rejoin);
+        } else {
+            self.published.rest();
         }
         let heading = if self.mode == Mode::Aligning { self.estimator.heading_found() } else { None };
         let observer = self.estimator.observer();

@@ -195,6 +195,7 @@ impl Navigator {
             velocity_source: core.shown_source(time, &facts),
             position: Ned::new(position_ned),
             velocity: Ned::new(velocity_ned),
+            glide_velocity: Ned::new(core.published.glide_velocity_ned()),
             attitude: BodyToNed::from_matrix(&core.attitude.r_body_to_ned),
             angular_rate: Body::new(core.attitude.angular_rate_body),
             position_covariance: Ned::new(position_covariance),

@@ -19,6 +19,8 @@ pub(super) struct Published {
     gliding_m: f64,
     /// And what tracking has moved the height by just now, m: goes at once.
     smoothed_m: f64,
+    /// What the glides move the published position by at present, NED, m/s.
+    glide_ned: Vector3<f64>,
     reset_counter: u8,
 }
 
@@ -31,6 +33,11 @@ impl Published {
     /// Published less estimated height, m.
     pub(super) fn height_offset_m(&self) -> f64 {
         self.gliding_m + self.smoothed_m
+    }
+
+    /// What the glides move the published position by, beyond the estimate's own velocity, NED, m/s.
+    pub(super) fn glide_velocity_ned(&self) -> Vector3<f64> {
+        self.glide_ned
     }
 
     /// Changes whenever the published position or height jumps.
@@ -65,11 +72,13 @@ impl Published {
     /// There is nothing to be continuous with: the estimate is published as it is.
     pub(super) fn begin(&mut self) {
         self.offset_ned = Vector3::zeros();
+        self.rest();
     }
 
     /// The published position jumps to the estimate; by how much, m.
     pub(super) fn jump(&mut self) -> f64 {
         let away = std::mem::take(&mut self.offset_ned).norm();
+        self.rest();
         self.count_reset();
         away
     }
@@ -82,10 +91,21 @@ impl Published {
     /// The position glides for `dt` s.
     pub(super) fn glide(&mut self, dt: f64, settings: &RejoinSettings) {
         let away = self.offset_ned.norm();
-        if away > 0.0 {
-            let step = (settings.glide_mps * dt).min(away);
-            self.offset_ned *= 1.0 - step / away;
+        if away <= 0.0 {
+            return self.rest();
         }
+        let before = self.offset_ned;
+        let step = (settings.glide_mps * dt).min(away);
+        self.offset_ned *= 1.0 - step / away;
+        if dt > 0.0 {
+            let moved = (self.offset_ned - before) / dt;
+            (self.glide_ned.x, self.glide_ned.y) = (moved.x, moved.y);
+        }
+    }
+
+    /// The position does not glide at present.
+    pub(super) fn rest(&mut self) {
+        (self.glide_ned.x, self.glide_ned.y) = (0.0, 0.0);
     }
 
     /// Whether the position has arrived at the estimate.
@@ -106,15 +126,19 @@ impl Published {
     pub(super) fn glide_height(&mut self, dt: f64, settings: &HeightSettings) {
         self.smoothed_m *= (1.0 - dt / SMOOTHED_S).max(0.0);
         let away = self.gliding_m;
+        self.glide_ned.z = 0.0;
         if away != 0.0 {
             let left = (away.abs() - settings.glide_mps * dt).max(0.0);
             self.gliding_m = if left < HEIGHT_JOINED_M { 0.0 } else { left.copysign(away) };
+            if dt > 0.0 {
+                self.glide_ned.z = (away - self.gliding_m) / dt;
+            }
         }
     }
 
     /// There is no height to be continuous with.
     pub(super) fn begin_height(&mut self) {
-        (self.gliding_m, self.smoothed_m) = (0.0, 0.0);
+        (self.gliding_m, self.smoothed_m, self.glide_ned.z) = (0.0, 0.0, 0.0);
     }
 
     /// The published height jumps to the estimate; by how much, m, if it had to.
@@ -143,6 +167,7 @@ impl Published {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{Settings, Sources};
 
     const REJOIN: RejoinSettings = RejoinSettings { glide_mps: 3.0, jump_m: 50.0 };
 
@@ -156,6 +181,29 @@ mod tests {
         published.glide(1.0, &REJOIN);
         assert!(published.has_joined());
         assert_eq!(published.reset_counter(), 0);
+    }
+
+    #[test]
+    fn who_integrates_the_glides_velocity_gets_the_glide() {
+        let settings = Settings::load(&Sources::default()).unwrap();
+        let height = HeightSettings { glide_mps: 0.5, ..settings.pipeline.navigator.height };
+        let mut published = Published::default();
+        published.stays(&Vector3::new(3.0, 4.0, 0.0));
+        published.height_moved(2.0, true);
+        let mut integrated = Vector3::zeros();
+        for _ in 0..1000 {
+            published.glide(0.01, &REJOIN);
+            published.glide_height(0.01, &height);
+            integrated += published.glide_velocity_ned() * 0.01;
+        }
+        // From 5 m behind to the estimate, and up (down is positive) by the 2 m that the height was moved.
+        assert!((integrated - Vector3::new(3.0, 4.0, -2.0)).norm() < 1e-9, "{integrated}");
+        assert_eq!(published.glide_velocity_ned(), Vector3::zeros(), "it has arrived");
+        published.stays(&Vector3::new(3.0, 0.0, 0.0));
+        published.glide(0.01, &REJOIN);
+        assert!((published.glide_velocity_ned().x - 3.0).abs() < 1e-9);
+        published.rest();
+        assert_eq!(published.glide_velocity_ned(), Vector3::zeros(), "it waits");
     }
 
     #[test]

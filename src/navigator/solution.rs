@@ -80,6 +80,8 @@ pub struct Solution {
     pub position: Ned<Vector3<f64>>,
     /// Velocity, m/s.
     pub velocity: Ned<Vector3<f64>>,
+    /// What the published position moves by beyond that while it glides to where the estimate is, m/s.
+    pub glide_velocity: Ned<Vector3<f64>>,
     /// Attitude.
     pub attitude: BodyToNed,
     /// Angular rate less the estimated gyro bias, rad/s.
@@ -95,6 +97,11 @@ pub struct Solution {
 }
 
 impl Solution {
+    /// The velocity that the published position moves with, m/s: who integrates it gets that position.
+    pub fn published_velocity(&self) -> Ned<Vector3<f64>> {
+        self.velocity + self.glide_velocity
+    }
+
     /// Standard deviation of the horizontal position error, √(P_NN + P_EE), m: the expected root mean square of its length (DRMS).
     pub fn horizontal_sigma_m(&self) -> f64 {
         let p = self.position_covariance.raw();

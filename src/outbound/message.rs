@@ -78,6 +78,17 @@ pub enum OutboundMessage {
     },
 }
 
+impl OutboundMessage {
+    /// When it holds.
+    pub fn time(&self) -> AutopilotTime {
+        match self {
+            Self::Odometry(Odometry { time, .. })
+            | Self::VisionPosition(VisionPosition { time, .. })
+            | Self::VisionSpeed { time, .. } => *time,
+        }
+    }
+}
+
 /// MAVLink's 21 numbers of a 6×6 covariance: `first` in the upper left, `second` on the rest of the diagonal.
 pub(super) fn upper_triangle(first: &Matrix3<f64>, second: &Vector3<f64>) -> [f64; 21] {
     let mut out = [0.0; 21];

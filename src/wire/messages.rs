@@ -4,6 +4,8 @@
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega as apm;
 
+use super::session::identity::AutopilotKind;
+
 /// A MAVLink message, as the other rooms carry it from one part of this one to another.
 pub use mavlink::dialects::ardupilotmega::MavMessage as Message;
 
@@ -32,7 +34,7 @@ pub enum Meaning {
     Date,
     /// [`crate::sample::Reference`]: truth, or the autopilot's own estimate.
     Reference,
-    /// Answers and questions of the conversation ([`super::session`]), no input of the core.
+    /// Answers and questions of the conversation ([`super::session`]), and what the autopilot tells of its estimator: no input of the core.
     Conversation,
 }
 
@@ -55,6 +57,8 @@ pub enum Rate {
     Airspeed,
     /// The autopilot's local position.
     LocalPosition,
+    /// What the autopilot tells of its estimator.
+    Estimator,
     /// What hardly changes.
     Slow,
 }
@@ -70,21 +74,27 @@ pub struct MessageUse {
     pub heard: Option<Meaning>,
     /// At which rate it is asked for.
     pub asked: Option<Rate>,
+    /// The only autopilot that has it, and is asked for it.
+    pub only: Option<AutopilotKind>,
     /// Whether Holdover sends it.
     pub sent: bool,
 }
 
 impl MessageUse {
     const fn heard<D: MessageData>(meaning: Meaning) -> Self {
-        Self { id: D::ID, name: D::NAME, heard: Some(meaning), asked: None, sent: false }
+        Self { id: D::ID, name: D::NAME, heard: Some(meaning), asked: None, only: None, sent: false }
     }
 
     const fn sent<D: MessageData>() -> Self {
-        Self { id: D::ID, name: D::NAME, heard: None, asked: None, sent: true }
+        Self { id: D::ID, name: D::NAME, heard: None, asked: None, only: None, sent: true }
     }
 
     const fn and_asked(self, rate: Rate) -> Self {
         Self { asked: Some(rate), ..self }
+    }
+
+    const fn of(self, only: AutopilotKind) -> Self {
+        Self { only: Some(only), ..self }
     }
 
     const fn and_sent(self) -> Self {
@@ -115,12 +125,18 @@ pub const TABLE: &[MessageUse] = &[
     MessageUse::heard::<apm::SYSTEM_TIME_DATA>(Meaning::Date).and_asked(Rate::Slow),
     MessageUse::heard::<apm::GPS_GLOBAL_ORIGIN_DATA>(Meaning::Origin).and_asked(Rate::Slow),
     MessageUse::heard::<apm::HEARTBEAT_DATA>(Meaning::Vehicle).and_sent(),
-    MessageUse::heard::<apm::ATTITUDE_DATA>(Meaning::Reference),
+    MessageUse::heard::<apm::ATTITUDE_DATA>(Meaning::Reference).and_asked(Rate::LocalPosition),
     MessageUse::heard::<apm::ATTITUDE_QUATERNION_DATA>(Meaning::Reference),
     MessageUse::heard::<apm::GLOBAL_POSITION_INT_DATA>(Meaning::Reference),
     MessageUse::heard::<apm::SIM_STATE_DATA>(Meaning::Reference),
     MessageUse::heard::<apm::SIMSTATE_DATA>(Meaning::Reference),
     MessageUse::heard::<apm::HIL_STATE_QUATERNION_DATA>(Meaning::Reference),
+    MessageUse::heard::<apm::EKF_STATUS_REPORT_DATA>(Meaning::Conversation)
+        .and_asked(Rate::Estimator)
+        .of(AutopilotKind::ArduPilot),
+    MessageUse::heard::<apm::ESTIMATOR_STATUS_DATA>(Meaning::Conversation)
+        .and_asked(Rate::Estimator)
+        .of(AutopilotKind::Px4),
     MessageUse::heard::<apm::TIMESYNC_DATA>(Meaning::Conversation).and_sent(),
     MessageUse::heard::<apm::COMMAND_ACK_DATA>(Meaning::Conversation),
     MessageUse::heard::<apm::AUTOPILOT_VERSION_DATA>(Meaning::Conversation),
@@ -129,7 +145,7 @@ pub const TABLE: &[MessageUse] = &[
     MessageUse::sent::<apm::COMMAND_LONG_DATA>(),
     MessageUse::sent::<apm::PARAM_REQUEST_READ_DATA>(),
     MessageUse::sent::<apm::PARAM_SET_DATA>(),
-    MessageUse::sent::<apm::STATUSTEXT_DATA>(),
+    MessageUse::heard::<apm::STATUSTEXT_DATA>(Meaning::Conversation).and_sent(),
     MessageUse::sent::<apm::ODOMETRY_DATA>(),
     MessageUse::sent::<apm::VISION_POSITION_ESTIMATE_DATA>(),
     MessageUse::sent::<apm::VISION_SPEED_ESTIMATE_DATA>(),
@@ -181,7 +197,8 @@ mod tests {
         for (i, row) in TABLE.iter().enumerate() {
             assert!(TABLE[..i].iter().all(|other| other.id != row.id), "{} twice", row.name);
             assert!(row.heard.is_some() || row.sent, "{} is of no use", row.name);
-            assert!(row.asked.is_none() || is_input(row.id), "{} is asked for in vain", row.name);
+            let told = is_input(row.id) || row.asked == Some(Rate::Estimator);
+            assert!(row.asked.is_none() || told, "{} is asked for in vain", row.name);
             assert_eq!(name_of(row.id), Some(row.name));
             assert_eq!(meaning_of(row.id), row.heard);
         }

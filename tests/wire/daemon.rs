@@ -165,7 +165,7 @@ fn of_type<'a>(messages: &'a [Value], name: &str) -> Vec<&'a Value> {
 }
 
 /// Checks everything that was sent, as pymavlink reads it.
-fn check(heard: &Heard, name: &str, outage: &str, frames: (f64, f64)) {
+fn check(heard: &Heard, name: &str, outage: &str, publish: &str, frames: (f64, f64)) {
     let messages = pymavlink::decode(&heard.bytes());
     let first = messages[0]["sequence"].as_u64().unwrap();
     for (i, m) in messages.iter().enumerate() {
@@ -200,7 +200,18 @@ fn check(heard: &Heard, name: &str, outage: &str, frames: (f64, f64)) {
     // What the two heard before the outage differs by the first second. Flow takes such a difference out; without it, coasting
     // carries it on as a velocity.
     let tolerance_m = if name == QUAD { 1.5 } else { 0.3 };
-    compare(&odometry, &replayed(name, outage), Flight::start_us(name) as f64 * 1e-6, tolerance_m);
+    let (rows, start_s) = (replayed(name, outage), Flight::start_us(name) as f64 * 1e-6);
+    compare(&odometry, &rows, start_s, tolerance_m);
+    let decided = rows.iter().find(|r| r.mode == "Holdover").unwrap().t_s;
+    let after_s = times[0] * 1e-6 - start_s - decided;
+    if publish == "auto" {
+        assert!(after_s < -20.0, "sent from the alignment on: {after_s} s after the decision");
+        let longest_s = times.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max) * 1e-6;
+        assert!(longest_s < 0.3, "a hole of {longest_s} s");
+    } else {
+        // The rows of the solution are 0.1 s apart at most.
+        assert!((-0.1..0.3).contains(&after_s), "{after_s} s after the decision");
+    }
 }
 
 /// The positions are `replay`'s, in the autopilot's frame: the same but for a constant difference of the origins. And each was
@@ -211,10 +222,11 @@ fn compare(odometry: &[&Value], rows: &[Row], start_s: f64, tolerance_m: f64) {
         let t = number(m, "time_usec") * 1e-6 - start_s;
         let after = rows.partition_point(|r| r.t_s < t).clamp(1, rows.len() - 1);
         let (a, b) = (&rows[after - 1], &rows[after]);
-        let may = |r: &Row| r.mode == "Holdover" || r.mode == "Rejoining";
+        let may = |r: &Row| ["Aided", "Holdover", "Rejoining"].contains(&&*r.mode);
         assert!(may(a) || may(b), "sent at {t} s, when replay was {}", a.mode);
         assert!(number(m, "reset_counter") == a.resets || number(m, "reset_counter") == b.resets, "{m}");
-        if a.resets != b.resets {
+        // While GNSS aids, what the two heard at first differs yet, and so does the offset that is being learned.
+        if a.resets != b.resets || a.mode == "Aided" {
             continue;
         }
         let part = ((t - a.t_s) / (b.t_s - a.t_s)).clamp(0.0, 1.0);
@@ -243,16 +255,18 @@ async fn a_flight_over_udp() {
     let mut holdover = Holdover::run(&["--endpoint", "udpin:127.0.0.1:0", "--deny-gnss", OUTAGE]);
     let drone = Drone::udp(holdover.address(), &heard).await;
     fly(drone, &mut holdover, &flight, UNTIL_S, &heard).await;
-    check(&heard, COPTER, OUTAGE, ARDUPILOT_FRAMES);
+    check(&heard, COPTER, OUTAGE, "auto", ARDUPILOT_FRAMES);
 }
 
 #[tokio::test]
 async fn a_flight_over_tcp_to_the_daemon() {
     let (flight, heard) = (Flight::load(COPTER, UNTIL_S), Heard::default());
-    let mut holdover = Holdover::run(&["--endpoint", "tcpin:127.0.0.1:0", "--deny-gnss", OUTAGE]);
+    let only = ["--set", "outbound.publish=holdover"];
+    let arguments = ["--endpoint", "tcpin:127.0.0.1:0", "--deny-gnss", OUTAGE];
+    let mut holdover = Holdover::run(&[&arguments[..], &only].concat());
     let drone = Drone::stream(TcpStream::connect(holdover.address()).await.unwrap(), &heard);
     fly(drone, &mut holdover, &flight, UNTIL_S, &heard).await;
-    check(&heard, COPTER, OUTAGE, ARDUPILOT_FRAMES);
+    check(&heard, COPTER, OUTAGE, "holdover", ARDUPILOT_FRAMES);
 }
 
 async fn accept(listener: &TcpListener) -> TcpStream {
@@ -267,7 +281,7 @@ async fn a_px4_flight_over_tcp_from_the_daemon() {
     let mut holdover = Holdover::run(&["--endpoint", &endpoint, "--deny-gnss", "70..84"]);
     let drone = Drone::stream(accept(&listener).await, &heard);
     fly(drone, &mut holdover, &flight, 90.0, &heard).await;
-    check(&heard, QUAD, "70..84", (1.0, 12.0));
+    check(&heard, QUAD, "70..84", "auto", (1.0, 12.0));
 }
 
 /// A pseudo-terminal: the drone's end, and a symbolic link to the device at `path`. The other end must be kept until the
@@ -291,7 +305,7 @@ async fn a_flight_over_a_serial_port() {
     holdover.wait_for("link 0: up", 1);
     drop(device);
     fly(Drone::stream(drone, &heard), &mut holdover, &flight, UNTIL_S, &heard).await;
-    check(&heard, COPTER, OUTAGE, ARDUPILOT_FRAMES);
+    check(&heard, COPTER, OUTAGE, "auto", ARDUPILOT_FRAMES);
 }
 
 #[tokio::test]
@@ -396,6 +410,32 @@ async fn a_stall_in_holdover_sends_no_stale_pose() {
     );
     assert!(said, "{}", holdover.log());
     holdover.stop();
+}
+
+#[tokio::test]
+async fn what_is_lost_is_silent_within_300_ms() {
+    let (flight, heard) = (Flight::load(QUAD, 100.0), Heard::default());
+    let coast = ["--set", "holdover.max_sigma_m=4"];
+    let arguments = ["--endpoint", "udpin:127.0.0.1:0", "--deny-gnss", "70..200"];
+    let mut holdover = Holdover::run(&[&arguments[..], &coast].concat());
+    let mut drone = Drone::udp(holdover.address(), &heard).await;
+    drone.send(flight.heartbeat()).await;
+    drone.play(&flight, 0.0, 100.0).await;
+    sleep(Duration::from_millis(200)).await;
+    holdover.stop();
+    let messages = heard.messages();
+    let lost = messages.iter().position(
+        |m| matches!(m, MavMessage::STATUSTEXT(w) if w.text.to_str().is_ok_and(|t| t.contains("-> Lost"))),
+    );
+    let quality = |m: &MavMessage| match m {
+        MavMessage::ODOMETRY(o) => Some(o.quality),
+        _ => None,
+    };
+    let (before, after) = messages.split_at(lost.unwrap_or_else(|| panic!("{}", holdover.log())));
+    assert!(before.iter().filter_map(quality).filter(|&q| q > 0).count() > 300);
+    // The position at the decision leaves before the word: 30 a second.
+    let farewell: Vec<i8> = after.iter().filter_map(quality).collect();
+    assert!((3..=9).contains(&farewell.len()) && farewell.iter().all(|&q| q == -1), "{farewell:?}");
 }
 
 #[tokio::test]

@@ -8,6 +8,7 @@
 
 mod daemon;
 mod double;
+mod hand_over;
 mod links;
 mod live;
 mod restart;

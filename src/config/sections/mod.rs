@@ -5,6 +5,7 @@ mod cameras;
 mod filter;
 mod flow;
 mod gnss;
+mod handover;
 mod height;
 mod holdover;
 mod imu;
@@ -40,6 +41,7 @@ pub(super) struct AllKeys {
     link: link::LinkKeys,
     streams: streams::StreamsKeys,
     outbound: outbound::OutboundKeys,
+    handover: handover::HandoverKeys,
     log: outbound::LogKeys,
     state: state::StateKeys,
     navigator: navigator::NavigatorKeys,
@@ -59,6 +61,7 @@ pub(super) struct AllKeys {
 #[serde(deny_unknown_fields)]
 struct Tuning {
     link: link::LinkTuning,
+    handover: handover::HandoverTuning,
     imu: imu::ImuTuning,
     magnetometer: imu::MagnetometerTuning,
     gnss: gnss::GnssTuning,
@@ -80,6 +83,7 @@ pub static SECTIONS: &[Section] = &[
     link::LinkKeys::SECTION,
     streams::StreamsKeys::SECTION,
     outbound::OutboundKeys::SECTION,
+    handover::HandoverKeys::SECTION,
     outbound::LogKeys::SECTION,
     state::StateKeys::SECTION,
     navigator::NavigatorKeys::SECTION,
@@ -93,6 +97,7 @@ pub static SECTIONS: &[Section] = &[
     flow::FlowKeys::SECTION,
     landmarks::LandmarksKeys::SECTION,
     link::LinkTuning::SECTION,
+    handover::HandoverTuning::SECTION,
     imu::ImuTuning::SECTION,
     imu::MagnetometerTuning::SECTION,
     gnss::GnssTuning::SECTION,
@@ -123,6 +128,7 @@ impl AllKeys {
         let profile = self.vehicle.profile.parse::<Profile>().ok();
         let outbound = OutboundSettings {
             publish: self.outbound.publish,
+            covariance: self.outbound.covariance,
             carriage: self.outbound.message,
             profile: profile.unwrap_or(Profile::Ardupilot),
             rate_hz: self.outbound.rate_hz,
@@ -136,6 +142,7 @@ impl AllKeys {
             link: self.link.settings(&tuning.link),
             streams: self.streams.settings(),
             statustext: self.outbound.statustext,
+            source_switch: self.handover.settings(&tuning.handover, complain),
             log_level: self.log.level.clone(),
             state: StateDirectory::new(&self.state.dir),
             pipeline: PipelineSettings { navigator: self.navigator(complain), outbound, profile },

@@ -1,20 +1,22 @@
 //! `[outbound]` and `[log]`: what the autopilot is told, and what the operator.
 
 use crate::config::key::section;
-use crate::outbound::{Carriage, Publish};
+use crate::outbound::{Carriage, Covariance, Publish};
 
 section! {
     /// What is sent to the autopilot.
     "outbound" struct OutboundKeys {
-        /// When to send: in holdover, always, or never.
-        publish: Publish = "holdover" of "holdover" | "always" | "never";
+        /// When to send: as the autopilot needs it (from the alignment on), from the loss until it is seen back on GNSS, always, or never.
+        publish: Publish = "auto" of "auto" | "holdover" | "always" | "never";
         /// ODOMETRY, or VISION_POSITION_ESTIMATE.
         message: Carriage = "odometry" of "odometry" | "vision_position_estimate";
         /// How often.
         rate_hz: f64 = 30.0 in 4.0 ..= 50.0;
         /// For how long a lost navigator says so before it is silent.
-        farewell_s: f64 = 1.0 in 0.0 ..= 60.0;
-        /// Tell mode changes by STATUSTEXT.
+        farewell_s: f64 = 0.25 in 0.0 ..= 60.0;
+        /// The covariance that is sent: "correlated" is inflated for errors that last and has short-term noise of the position, as a filter needs it that takes every message for independent; "absolute" is the navigator's own, for other readers.
+        covariance: Covariance = "correlated" of "correlated" | "absolute";
+        /// Tell mode changes and the hand-over by STATUSTEXT.
         statustext: bool = true;
     }
 }

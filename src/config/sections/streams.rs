@@ -18,8 +18,10 @@ section! {
         flow_hz: f64 = 50.0 in 0.0 ..= 1000.0;
         /// DISTANCE_SENSOR.
         range_hz: f64 = 20.0 in 0.0 ..= 1000.0;
-        /// LOCAL_POSITION_NED, to align our frame with the autopilot's.
+        /// LOCAL_POSITION_NED and ATTITUDE, to align our frame with the autopilot's.
         local_position_hz: f64 = 10.0 in 0.0 ..= 1000.0;
+        /// EKF_STATUS_REPORT (ArduPilot) and ESTIMATOR_STATUS (PX4), which tell what the autopilot's position stands on.
+        estimator_hz: f64 = 5.0 in 0.0 ..= 1000.0;
         /// VFR_HUD, which holds the airspeed.
         airspeed_hz: f64 = 10.0 in 0.0 ..= 1000.0;
         /// SYSTEM_TIME, GPS_GLOBAL_ORIGIN, SYS_STATUS (whether there is a pitot tube).
@@ -39,6 +41,7 @@ impl StreamsKeys {
             flow_hz: self.flow_hz,
             range_hz: self.range_hz,
             local_position_hz: self.local_position_hz,
+            estimator_hz: self.estimator_hz,
             slow_hz: self.slow_hz,
             airspeed_hz: self.airspeed_hz,
             retries: self.retries,

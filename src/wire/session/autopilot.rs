@@ -4,8 +4,10 @@ use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage, TIMESYNC_DATA};
 
 use super::Address;
+use super::hand_over::{HandOver, HandOverNews, Situation};
 use super::identity::{Identity, IdentityConfig, IdentityEvent, Sender, Vehicle};
 use super::requests::{Refusal, StreamRequests, StreamSettings};
+use super::source_switch::SwitchSettings;
 use super::timesync::{TimeSync, TimeSyncConfig, TimeSyncHeard};
 use crate::time::{AutopilotTime, Companion, Span, Stamp};
 use crate::wire::clock::AutopilotClock;
@@ -19,6 +21,7 @@ const ONE_CLOCK: Span = Span::from_millis(1000);
 pub struct AutopilotSession {
     identity: Identity,
     rates: StreamSettings,
+    switch: SwitchSettings,
     dialogue: Option<Dialogue>,
     /// The newest time of the autopilot's, and when it came.
     newest: Option<(AutopilotTime, Stamp<Companion>)>,
@@ -31,6 +34,7 @@ struct Dialogue {
     autopilot: Address,
     sync: TimeSync,
     requests: StreamRequests,
+    hand_over: HandOver,
 }
 
 /// What a frame of the autopilot means for the conversation.
@@ -51,13 +55,15 @@ pub struct SessionPoll {
     pub event: Option<IdentityEvent>,
     /// Streams that are no longer asked for.
     pub refusals: Vec<Refusal>,
+    /// What is new of the hand-over.
+    pub hand_over: Vec<HandOverNews>,
 }
 
 impl AutopilotSession {
     /// Nobody was heard yet. Follows `system` only, or the first autopilot.
-    pub fn new(system: Option<SystemId>, rates: StreamSettings) -> Self {
+    pub fn new(system: Option<SystemId>, rates: StreamSettings, switch: SwitchSettings) -> Self {
         let identity = Identity::new(IdentityConfig { system, ..IdentityConfig::default() });
-        Self { identity, rates, dialogue: None, newest: None }
+        Self { identity, rates, switch, dialogue: None, newest: None }
     }
 
     /// The vehicle, once its autopilot was heard; also while it is lost.
@@ -104,6 +110,7 @@ impl AutopilotSession {
                 autopilot: vehicle.address(),
                 sync: TimeSync::new(TimeSyncConfig::default(), us, vehicle.address()),
                 requests: StreamRequests::new(self.rates, vehicle),
+                hand_over: HandOver::new(self.switch, us, vehicle),
             });
         }
     }
@@ -121,7 +128,34 @@ impl AutopilotSession {
         if let Some(dialogue) = &mut self.dialogue {
             dialogue.sync.restart();
             dialogue.requests.reboot();
+            dialogue.hand_over.restart();
         }
+    }
+
+    /// The hand-over to the autopilot, once it is known.
+    pub fn hand_over(&self) -> Option<&HandOver> {
+        self.dialogue.as_ref().map(|d| &d.hand_over)
+    }
+
+    /// For what is sent to it, and for its receiver's fixes.
+    pub fn hand_over_mut(&mut self) -> Option<&mut HandOver> {
+        self.dialogue.as_mut().map(|d| &mut d.hand_over)
+    }
+
+    /// How old a sample of `time` that is sent now will be when it comes to the autopilot, s, by its own clock and half of the shortest
+    /// round trip; `None` before the clocks are synchronised.
+    pub fn age_on_arrival_s(
+        &self,
+        now: Stamp<Companion>,
+        time: AutopilotTime,
+        clock: &AutopilotClock,
+    ) -> Option<f64> {
+        let sync = &self.dialogue.as_ref()?.sync;
+        let there_now = now.micros().saturating_add(sync.offset_at(now)?.micros());
+        let age = Span::from_micros(there_now.saturating_sub(clock.boot_micros(time)));
+        let age_s = age.seconds() + 0.5 * sync.round_trip()?.seconds();
+        // Another clock tells no age.
+        (age.micros().unsigned_abs() <= ONE_CLOCK.micros().unsigned_abs()).then_some(age_s)
     }
 
     /// The origin of the autopilot's frame came.
@@ -168,10 +202,12 @@ impl AutopilotSession {
         let boot_now = if id == TIMESYNC_DATA::ID { self.boot_now(now, clock) } else { None };
         let Some(dialogue) = &mut self.dialogue else { return Reply::default() };
         dialogue.requests.streams().hear(at, id);
+        dialogue.hand_over.hear(at, frame);
         match id {
             COMMAND_ACK_DATA::ID => {
                 if let Ok(MavMessage::COMMAND_ACK(ack)) = frame.parse() {
                     dialogue.requests.streams().acknowledge(dialogue.us, &ack);
+                    dialogue.hand_over.acknowledge(&ack);
                 }
                 Reply::default()
             }
@@ -184,14 +220,21 @@ impl AutopilotSession {
     }
 
     /// What is due now.
-    pub fn poll(&mut self, now: Stamp<Companion>) -> SessionPoll {
+    pub fn poll(&mut self, now: Stamp<Companion>, situation: &Situation) -> SessionPoll {
         let polled = self.identity.poll(now);
-        let mut due =
-            SessionPoll { messages: Vec::from_iter(polled.send), event: polled.event, refusals: Vec::new() };
+        let mut due = SessionPoll {
+            messages: Vec::from_iter(polled.send),
+            event: polled.event,
+            ..SessionPoll::default()
+        };
         if !self.identity.is_heard() {
             return due;
         }
         if let (Some(dialogue), Some(vehicle)) = (&mut self.dialogue, self.identity.vehicle()) {
+            // The switch first: it is what the flight hangs on.
+            let (command, news) = dialogue.hand_over.poll(now, situation);
+            due.messages.extend(command);
+            due.hand_over = news;
             due.messages.extend(dialogue.sync.poll(now));
             let (request, refusals) = dialogue.requests.poll(now, vehicle);
             due.messages.extend(request);

@@ -146,13 +146,15 @@ pub enum Sender {
 pub enum IdentityEvent {
     /// An autopilot was heard for the first time, or with another firmware than before.
     Found(Vehicle),
-    /// No heartbeat for so long.
+    /// Nothing of the autopilot for so long.
     Lost {
-        /// Time since the last heartbeat.
+        /// Time since its last message.
         silent: Span,
     },
-    /// Heartbeats came back. It may have rebooted meanwhile.
+    /// It is heard again. It may have rebooted meanwhile.
     Back,
+    /// Its messages come, but no heartbeat for so long: some link or router drops them. Whether it is armed is not known.
+    NoHeartbeat(Span),
     /// Armed or disarmed.
     Armed(bool),
     /// The firmware's version is known now, or another than before.
@@ -166,7 +168,7 @@ pub enum IdentityEvent {
 pub struct IdentityConfig {
     /// Serve this system only; `None` serves the first that is heard.
     pub system: Option<SystemId>,
-    /// Without a heartbeat for so long, the autopilot counts as lost.
+    /// Without any message for so long, the autopilot counts as lost.
     pub lost_after: Span,
     /// Time between two requests for the version.
     pub version_retry: Span,
@@ -194,6 +196,9 @@ pub struct IdentityPoll {
     pub event: Option<IdentityEvent>,
 }
 
+/// Heartbeats that are missing for so long, while other messages come, are worth a word: a lossy link drops several in a row.
+const HEARTBEATS_MISSING: Span = Span::from_millis(10_000);
+
 /// Pins the vehicle, watches its heartbeat and asks for its version.
 #[derive(Clone, Debug)]
 pub struct Identity {
@@ -206,7 +211,11 @@ pub struct Identity {
 struct Pinned {
     vehicle: Vehicle,
     heartbeat: Stamp<Companion>,
+    /// When any message of its came.
+    heard: Stamp<Companion>,
     lost: bool,
+    /// That heartbeats are missing was told.
+    missing_told: bool,
     question: VersionQuestion,
 }
 
@@ -266,8 +275,10 @@ impl Identity {
         if frame.component() != pinned.vehicle.component {
             return (Sender::SameSystem, None);
         }
+        let back = pinned.is_back(now);
         let event = match heartbeat {
-            Some(fields) => pinned.heartbeat(now, frame, fields),
+            Some(fields) => pinned.heartbeat(now, frame, fields).or(back),
+            None if back.is_some() => back,
             None if frame.message_id() == AUTOPILOT_VERSION_DATA::ID => pinned.version(frame),
             None => None,
         };
@@ -277,10 +288,14 @@ impl Identity {
     /// Watches the time: the heartbeat's silence and the unanswered question for the version.
     pub fn poll(&mut self, now: Stamp<Companion>) -> IdentityPoll {
         let Some(pinned) = &mut self.pinned else { return IdentityPoll::default() };
-        let silent = now - pinned.heartbeat;
+        let (silent, beatless) = (now - pinned.heard, now - pinned.heartbeat);
         if !pinned.lost && silent > self.config.lost_after {
             pinned.lost = true;
             return IdentityPoll { send: None, event: Some(IdentityEvent::Lost { silent }) };
+        }
+        if !pinned.lost && !pinned.missing_told && beatless > HEARTBEATS_MISSING {
+            pinned.missing_told = true;
+            return IdentityPoll { send: None, event: Some(IdentityEvent::NoHeartbeat(beatless)) };
         }
         let VersionQuestion::Open { asked, due } = pinned.question else { return IdentityPoll::default() };
         if pinned.lost || now < due {
@@ -307,7 +322,18 @@ impl Pinned {
             armed: fields.armed(),
             version: None,
         };
-        Self { vehicle, heartbeat: now, lost: false, question: VersionQuestion::Open { asked: 0, due: now } }
+        let question = VersionQuestion::Open { asked: 0, due: now };
+        Self { vehicle, heartbeat: now, heard: now, lost: false, missing_told: false, question }
+    }
+
+    /// A message of its came; whether it is back by that.
+    fn is_back(&mut self, now: Stamp<Companion>) -> Option<IdentityEvent> {
+        self.heard = now;
+        std::mem::take(&mut self.lost).then(|| {
+            // Other firmware may have been loaded meanwhile.
+            self.question = VersionQuestion::Open { asked: 0, due: now };
+            IdentityEvent::Back
+        })
     }
 
     fn heartbeat(
@@ -317,17 +343,13 @@ impl Pinned {
         fields: HeartbeatFields,
     ) -> Option<IdentityEvent> {
         self.heartbeat = now;
+        self.missing_told = false;
         if AutopilotKind::from_wire(fields.autopilot) != self.vehicle.autopilot {
             *self = Self::new(now, frame, fields);
             return Some(IdentityEvent::Found(self.vehicle));
         }
         self.vehicle.vehicle_type = fields.vehicle_type;
         let was_armed = std::mem::replace(&mut self.vehicle.armed, fields.armed());
-        if std::mem::take(&mut self.lost) {
-            // Other firmware may have been loaded meanwhile.
-            self.question = VersionQuestion::Open { asked: 0, due: now };
-            return Some(IdentityEvent::Back);
-        }
         (was_armed != self.vehicle.armed).then_some(IdentityEvent::Armed(self.vehicle.armed))
     }
 
@@ -406,14 +428,30 @@ mod tests {
         let beat = heartbeat_frame(1, 1, 2, 3, 0);
         hear(&mut identity, 0, &beat);
         hear(&mut identity, 1, &version(1, 0x0407_00FF));
-        assert_eq!(identity.poll(at(3000)).event, None);
-        let lost = identity.poll(at(3001)).event;
+        assert_eq!(identity.poll(at(3001)).event, None);
+        let lost = identity.poll(at(3002)).event;
         assert_eq!(lost, Some(IdentityEvent::Lost { silent: Span::from_millis(3001) }));
         assert_eq!(identity.poll(at(9000)), IdentityPoll::default());
         assert!(!identity.is_heard() && identity.vehicle().is_some());
         assert_eq!(hear(&mut identity, 9500, &beat).1, Some(IdentityEvent::Back));
         assert!(identity.is_heard());
         assert!(identity.poll(at(9501)).send.is_some(), "the version is asked for again");
+    }
+
+    #[test]
+    fn an_autopilot_whose_heartbeats_are_lost_is_not_silent() {
+        let mut identity = Identity::new(IdentityConfig::default());
+        hear(&mut identity, 0, &heartbeat_frame(1, 1, 2, 3, 0));
+        let mut told = Vec::new();
+        for ms in (100..30_000).step_by(100) {
+            hear(&mut identity, ms, &version(1, 0x0407_00FF));
+            told.extend(identity.poll(at(ms)).event);
+            assert!(identity.is_heard());
+        }
+        assert_eq!(told, [IdentityEvent::NoHeartbeat(Span::from_millis(10_100))]);
+        assert!(matches!(identity.poll(at(33_000)).event, Some(IdentityEvent::Lost { .. })));
+        // Any message of its shows that it is back.
+        assert_eq!(hear(&mut identity, 34_000, &version(1, 0x0407_00FF)).1, Some(IdentityEvent::Back));
     }
 
     #[test]

@@ -5,6 +5,9 @@
 
 pub mod autopilot;
 mod clock_line;
+pub mod estimator_report;
+pub mod fusion;
+pub mod hand_over;
 pub mod heartbeat;
 pub mod heartbeat_fields;
 pub mod identity;
@@ -13,6 +16,8 @@ pub mod parameter_value;
 pub mod parameters;
 mod rate_meter;
 pub mod requests;
+pub mod source_switch;
+pub mod standing_watch;
 pub mod status_text;
 pub mod status_text_sender;
 pub mod streams;

@@ -7,7 +7,7 @@ use super::identity::{AutopilotKind, Vehicle};
 use super::streams::{GaveUp, MessageStreams, StreamReport, StreamVerdict, StreamsConfig, WantedStream};
 use super::{Address, request_message};
 use crate::time::{Companion, Span, Stamp};
-use crate::wire::messages::{Rate, TABLE, name_of};
+use crate::wire::messages::{MessageUse, Rate, TABLE, name_of};
 
 /// Message rates to ask for, Hz; 0 does not ask.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +26,8 @@ pub struct StreamSettings {
     pub range_hz: f64,
     /// The autopilot's local position.
     pub local_position_hz: f64,
+    /// What the autopilot tells of its estimator.
+    pub estimator_hz: f64,
     /// Time and origin.
     pub slow_hz: f64,
     /// VFR_HUD, which holds the airspeed, Hz.
@@ -44,16 +46,17 @@ impl StreamSettings {
             Rate::Range => self.range_hz,
             Rate::Airspeed => self.airspeed_hz,
             Rate::LocalPosition => self.local_position_hz,
+            Rate::Estimator => self.estimator_hz,
             Rate::Slow => self.slow_hz,
         }
     }
 
-    /// The streams of the table whose rate is one that `wanted` takes.
-    fn streams(&self, wanted: impl Fn(Rate) -> bool) -> Vec<WantedStream> {
-        let asked =
-            |row: &crate::wire::messages::MessageUse| row.asked.filter(|&r| wanted(r)).map(|r| (row.id, r));
+    /// The streams of the table that an autopilot of this kind has, and whose rate is one that `wanted` takes.
+    fn streams(&self, kind: AutopilotKind, wanted: impl Fn(Rate) -> bool) -> Vec<WantedStream> {
+        let asked = |row: &MessageUse| row.asked.filter(|&r| wanted(r)).map(|r| (row.id, r));
         TABLE
             .iter()
+            .filter(|row| row.only.is_none_or(|only| only == kind))
             .filter_map(asked)
             .map(|(message_id, rate)| WantedStream { message_id, rate_hz: self.of(rate) })
             .collect()
@@ -89,8 +92,10 @@ impl StreamRequests {
     pub fn new(settings: StreamSettings, vehicle: &Vehicle) -> Self {
         let config =
             StreamsConfig { attempts: settings.retries.saturating_add(1), ..StreamsConfig::default() };
-        let wanted =
-            if settings.request { settings.streams(|rate| rate != Rate::FallbackImu) } else { Vec::new() };
+        let mut wanted = Vec::new();
+        if settings.request {
+            wanted = settings.streams(vehicle.autopilot, |rate| rate != Rate::FallbackImu);
+        }
         Self {
             settings,
             autopilot: vehicle.address(),
@@ -159,7 +164,7 @@ impl StreamRequests {
         if highres_in_vain && !self.fallen_back && self.kind != AutopilotKind::Px4 {
             self.fallen_back = true;
             refusals.push("no HIGHRES_IMU: asking for RAW_IMU and SCALED_IMU2".to_owned());
-            for wanted in self.settings.streams(|rate| rate == Rate::FallbackImu) {
+            for wanted in self.settings.streams(self.kind, |rate| rate == Rate::FallbackImu) {
                 self.streams.want(wanted);
             }
         }
@@ -267,6 +272,16 @@ mod tests {
         let silent = vehicle(AutopilotKind::ArduPilot, 0x0407_00FF);
         assert!(asked(&silent, 90, &[]).contains(&raw));
         assert!(!asked(&silent, 60, &[HIGHRES_IMU]).contains(&raw));
+    }
+
+    #[test]
+    fn each_autopilot_is_asked_for_its_own_word_on_its_estimator() {
+        let (ekf, estimator) = (apm::EKF_STATUS_REPORT_DATA::ID, apm::ESTIMATOR_STATUS_DATA::ID);
+        let of = |kind| asked(&vehicle(kind, 0), 90, &[HIGHRES_IMU]);
+        let (ardupilot, px4) = (of(AutopilotKind::ArduPilot), of(AutopilotKind::Px4));
+        let has = |asked: &[(u32, u32)], id| asked.contains(&(SET_MESSAGE_INTERVAL, id));
+        assert!(has(&ardupilot, ekf) && !has(&ardupilot, estimator));
+        assert!(has(&px4, estimator) && !has(&px4, ekf));
     }
 
     #[test]

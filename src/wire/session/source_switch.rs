@@ -1,0 +1,521 @@
+//! Switching an ArduPilot's EKF source set over to our position, and back (MAV_CMD_SET_EKF_SOURCE_SET).
+//!
+//! ArduPilot does not change sources by itself: 15 s after GNSS is lost its EKF failsafe acts, while good ODOMETRY streams. So the command goes out
+//! at the decision, is acknowledged, asked for again where no answer comes, and what the EKF makes of it is watched: an EKF that has no position on
+//! the new set is switched back. After GNSS has been good for a while, and the autopilot's position is where ours is, the other set
+//! is commanded. What the pilot's switch has chosen meanwhile stands.
+//!
+//! The command is sent to an autopilot only that says it receives us (VISO_TYPE is set up and messages come), and while our output is worth it.
+
+use std::fmt;
+
+use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
+use serde::{Deserialize, Serialize};
+
+use crate::navigator::solution::Mode;
+use crate::outbound::Departure;
+use crate::outbound::handover::StandsOn;
+use crate::time::{Companion, Span, Stamp};
+
+use super::standing_watch::SourceSets;
+use super::{Address, command_long};
+
+/// Who switches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SwitchedBy {
+    /// Holdover.
+    Holdover,
+    /// The pilot.
+    Pilot,
+}
+
+/// Settings of [`SourceSwitch`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SwitchSettings {
+    /// Who switches.
+    pub by: SwitchedBy,
+    /// The source sets.
+    pub sets: SourceSets,
+    /// The least quality of our output (1 to 100) that the autopilot is switched over to.
+    pub min_quality: i8,
+    /// GNSS has to be good for this long before the autopilot is switched back, s.
+    pub return_after_s: f64,
+    /// And the autopilot's position has to be this near to ours, m.
+    pub return_within_m: f64,
+}
+
+/// An answer is waited for this long.
+const ANSWER: Span = Span::from_millis(700);
+/// Commands in vain after which the pilot has to do it.
+const ATTEMPTS: u8 = 5;
+/// An EKF without a position for this long after the switch is switched back.
+const NO_POSITION: Span = Span::from_millis(1000);
+/// The autopilot that does not come near is switched back all the same after this long.
+const NEARNESS: Span = Span::from_millis(30_000);
+/// The pilot is reminded after this time: half of what is left.
+const REMINDER: Span = Span::from_millis(7000);
+/// The autopilot has this long to say that it receives us.
+const RECEIPT: Span = Span::from_millis(2000);
+
+/// What the switch is decided by.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct SwitchInputs {
+    /// The navigator's mode.
+    pub mode: Mode,
+    /// Quality of what is sent, 1 to 100; `None` while nothing is.
+    pub quality: Option<i8>,
+    /// The autopilot says that it receives us.
+    pub received: bool,
+    /// What its position stands on.
+    pub standing: StandsOn,
+    /// Its source set, where that is known.
+    pub set: Option<u8>,
+    /// How far its position is from ours.
+    pub departure: Option<Departure>,
+}
+
+/// What is to be told, and to the pilot in 40 characters.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum SwitchNews {
+    /// The autopilot has accepted this source set; how far its position was from ours, m, where that is known.
+    Switched(u8, Option<f64>),
+    /// It was to be switched over to this set, and is not: the pilot has to do it.
+    NotSwitched(u8, WhyNot),
+    /// The EKF has no position on our set, and was switched back to this one.
+    Reverted(u8),
+    /// The pilot's switch has taken the set back.
+    PilotSwitched(u8),
+    /// The pilot has to take this set now: the autopilot will land.
+    SwitchOver(u8),
+    /// The same, when half of the time is over.
+    SwitchSoon(u8),
+    /// The pilot may take this set again: GNSS is good.
+    SwitchBack(u8),
+}
+
+/// Why the autopilot is not switched over.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum WhyNot {
+    /// It does not say that it receives us.
+    NotReceived,
+    /// It does not answer.
+    NoAnswer,
+    /// It refuses.
+    Refused,
+}
+
+impl fmt::Display for SwitchNews {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Switched(set, None) => write!(f, "EKF source set {set}"),
+            Self::Switched(set, Some(m)) => write!(f, "EKF source set {set}, {m:.1} m apart"),
+            Self::NotSwitched(set, WhyNot::NotReceived) => {
+                write!(f, "set {set} not taken: it receives nothing")
+            }
+            Self::NotSwitched(set, WhyNot::NoAnswer) => write!(f, "SWITCH EKF TO SET {set}: no answer"),
+            Self::NotSwitched(set, WhyNot::Refused) => write!(f, "SWITCH EKF TO SET {set}: it refuses"),
+            Self::Reverted(set) => write!(f, "EKF without position: back on set {set}"),
+            Self::PilotSwitched(set) => write!(f, "the pilot took EKF source set {set}"),
+            Self::SwitchOver(set) => write!(f, "SWITCH EKF TO SET {set}, or it lands in 14 s"),
+            Self::SwitchSoon(set) => write!(f, "SWITCH EKF TO SET {set}, or it lands in 7 s"),
+            Self::SwitchBack(set) => write!(f, "GNSS is good: switch EKF back to set {set}"),
+        }
+    }
+}
+
+/// What is due.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SwitchPoll {
+    /// To be sent to the autopilot.
+    pub command: Option<MavMessage>,
+    /// To be told.
+    pub news: Option<SwitchNews>,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct SourceSwitch {
+    settings: SwitchSettings,
+    us: Address,
+    autopilot: Address,
+    state: SwitchState,
+    /// Since when GNSS is not navigated on.
+    outage: Option<Stamp<Companion>>,
+    /// Since when it is again.
+    good: Option<Stamp<Companion>>,
+    /// Since when the EKF has no position on our set.
+    no_position: Option<Stamp<Companion>>,
+    /// The pilot was told to switch back.
+    back_told: bool,
+}
+
+/// What was done in this outage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum SwitchState {
+    /// Nothing.
+    Rest,
+    /// A set was commanded, so often, and last then.
+    Asking { set: u8, asked: u8, sent: Stamp<Companion>, refused: bool },
+    /// The autopilot is on our set by our command.
+    Over,
+    /// The pilot was told to switch over, and since when he knows; and once more.
+    Told { since: Stamp<Companion>, again: bool },
+    /// No more, whatever came of it.
+    Done,
+}
+
+impl SourceSwitch {
+    /// Has done nothing; speaks as `us`.
+    pub fn new(settings: SwitchSettings, us: Address, autopilot: Address) -> Self {
+        Self {
+            settings,
+            us,
+            autopilot,
+            state: SwitchState::Rest,
+            outage: None,
+            good: None,
+            no_position: None,
+            back_told: false,
+        }
+    }
+
+    /// The autopilot rebooted: it is on its first set.
+    pub fn restart(&mut self) {
+        *self = Self::new(self.settings, self.us, self.autopilot);
+    }
+
+    /// The autopilot's answer to a command; the source set that is in force now, if it is one to ours.
+    pub fn acknowledge(&mut self, ack: &COMMAND_ACK_DATA) -> Option<u8> {
+        let SwitchState::Asking { set, refused, .. } = &mut self.state else { return None };
+        if ack.command != MavCmd::MAV_CMD_SET_EKF_SOURCE_SET
+            || !self.us.is_meant_by(ack.target_system, ack.target_component)
+        {
+            return None;
+        }
+        let taken = *set;
+        match ack.result {
+            MavResult::MAV_RESULT_ACCEPTED => {
+                let over = taken == self.settings.sets.external;
+                self.state = if over { SwitchState::Over } else { SwitchState::Done };
+                self.no_position = None;
+                Some(taken)
+            }
+            // It may be passing (a full queue): it is asked again.
+            MavResult::MAV_RESULT_TEMPORARILY_REJECTED | MavResult::MAV_RESULT_IN_PROGRESS => None,
+            _ => {
+                *refused = true;
+                None
+            }
+        }
+    }
+
+    /// Looks at the time and what is known.
+    pub fn poll(&mut self, now: Stamp<Companion>, inputs: &SwitchInputs) -> SwitchPoll {
+        self.note(now, inputs.mode);
+        match self.state {
+            SwitchState::Asking { set, asked, sent, refused } => {
+                if set == self.settings.sets.external && inputs.quality.is_none() {
+                    self.state = SwitchState::Done;
+                    SwitchPoll::default()
+                } else if refused {
+                    self.give_up(set, WhyNot::Refused)
+                } else if now - sent < ANSWER {
+                    SwitchPoll::default()
+                } else if asked < ATTEMPTS {
+                    self.ask(now, set, asked + 1, None)
+                } else {
+                    self.give_up(set, WhyNot::NoAnswer)
+                }
+            }
+            SwitchState::Over => self.over(now, inputs),
+            SwitchState::Rest | SwitchState::Told { .. } if inputs.mode == Mode::Holdover => {
+                self.switch_over(now, inputs)
+            }
+            SwitchState::Rest | SwitchState::Told { .. } | SwitchState::Done => self.remind(now, inputs),
+        }
+    }
+
+    /// An outage begins with Holdover, and ends with Aided.
+    fn note(&mut self, now: Stamp<Companion>, mode: Mode) {
+        match mode {
+            Mode::Aided => {
+                self.outage = None;
+                self.good.get_or_insert(now);
+            }
+            Mode::Holdover if self.outage.is_none() => {
+                self.outage = Some(now);
+                self.good = None;
+                self.back_told = false;
+                if self.state != SwitchState::Over {
+                    self.state = SwitchState::Rest;
+                }
+            }
+            _ => self.good = None,
+        }
+    }
+
+    fn ask(&mut self, now: Stamp<Companion>, set: u8, asked: u8, news: Option<SwitchNews>) -> SwitchPoll {
+        self.state = SwitchState::Asking { set, asked, sent: now, refused: false };
+        let command = MavCmd::MAV_CMD_SET_EKF_SOURCE_SET;
+        SwitchPoll { command: Some(command_long(self.autopilot, command, f32::from(set), 0.0)), news }
+    }
+
+    fn give_up(&mut self, set: u8, why: WhyNot) -> SwitchPoll {
+        self.state = SwitchState::Done;
+        SwitchPoll { command: None, news: Some(SwitchNews::NotSwitched(set, why)) }
+    }
+
+    /// In an outage, on another set than ours.
+    fn switch_over(&mut self, now: Stamp<Companion>, i: &SwitchInputs) -> SwitchPoll {
+        let external = self.settings.sets.external;
+        if i.set == Some(external) {
+            self.state = SwitchState::Done;
+            return SwitchPoll::default();
+        }
+        if i.quality.is_none_or(|q| q < self.settings.min_quality) {
+            return SwitchPoll::default();
+        }
+        if self.settings.by == SwitchedBy::Pilot {
+            return self.tell_pilot(now);
+        }
+        if i.received {
+            return self.ask(now, external, 1, None);
+        }
+        if self.outage.is_some_and(|since| now - since > RECEIPT) {
+            return self.give_up(external, WhyNot::NotReceived);
+        }
+        SwitchPoll::default()
+    }
+
+    fn tell_pilot(&mut self, now: Stamp<Companion>) -> SwitchPoll {
+        let again = match self.state {
+            SwitchState::Told { since, again: false } if now - since >= REMINDER => true,
+            SwitchState::Told { .. } => return SwitchPoll::default(),
+            _ => false,
+        };
+        self.state = SwitchState::Told { since: now, again };
+        let set = self.settings.sets.external;
+        let news = if again { SwitchNews::SwitchSoon(set) } else { SwitchNews::SwitchOver(set) };
+        SwitchPoll { command: None, news: Some(news) }
+    }
+
+    /// The autopilot is on our set by our command.
+    fn over(&mut self, now: Stamp<Companion>, i: &SwitchInputs) -> SwitchPoll {
+        let gnss = self.settings.sets.gnss;
+        if i.set.is_some_and(|set| set != self.settings.sets.external) {
+            self.state = SwitchState::Done;
+            let news = i.set.map(SwitchNews::PilotSwitched);
+            return SwitchPoll { command: None, news };
+        }
+        if i.standing != StandsOn::Nothing {
+            self.no_position = None;
+        } else if now - *self.no_position.get_or_insert(now) > NO_POSITION {
+            return self.ask(now, gnss, 1, Some(SwitchNews::Reverted(gnss)));
+        }
+        if self.may_return(now, i) { self.ask(now, gnss, 1, None) } else { SwitchPoll::default() }
+    }
+
+    /// GNSS has been good for long enough, and the autopilot is near, or will not come nearer.
+    fn may_return(&self, now: Stamp<Companion>, i: &SwitchInputs) -> bool {
+        let Some(good) = self.good.map(|since| now - since) else { return false };
+        let near = i.departure.is_some_and(|d| d.horizontal_m <= self.settings.return_within_m);
+        let beyond_s = good.seconds() - self.settings.return_after_s;
+        beyond_s >= 0.0 && (near || beyond_s >= NEARNESS.seconds())
+    }
+
+    /// A set that the pilot has taken is the pilot's to leave.
+    fn remind(&mut self, now: Stamp<Companion>, i: &SwitchInputs) -> SwitchPoll {
+        let on_ours = i.set == Some(self.settings.sets.external) && i.standing == StandsOn::Ours;
+        let mut poll = SwitchPoll::default();
+        if on_ours && !self.back_told && self.may_return(now, i) {
+            self.back_told = true;
+            poll.news = Some(SwitchNews::SwitchBack(self.settings.sets.gnss));
+        }
+        poll
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::AutopilotTime;
+    use crate::wire::frame::{ComponentId, SystemId};
+
+    const US: Address = Address { system: SystemId(1), component: ComponentId(197) };
+    const AUTOPILOT: Address = Address { system: SystemId(1), component: ComponentId(1) };
+
+    const SETTINGS: SwitchSettings = SwitchSettings {
+        by: SwitchedBy::Holdover,
+        sets: SourceSets { gnss: 1, external: 2 },
+        min_quality: 10,
+        return_after_s: 5.0,
+        return_within_m: 3.0,
+    };
+
+    fn inputs(mode: Mode) -> SwitchInputs {
+        SwitchInputs {
+            mode,
+            quality: Some(90),
+            received: true,
+            standing: StandsOn::Gnss,
+            set: Some(1),
+            departure: Some(Departure {
+                time: AutopilotTime::from_micros(0),
+                horizontal_m: 0.2,
+                allowed_m: 2.0,
+            }),
+        }
+    }
+
+    fn on_ours(mode: Mode) -> SwitchInputs {
+        SwitchInputs { standing: StandsOn::Ours, set: Some(2), ..inputs(mode) }
+    }
+
+    fn switch(by: SwitchedBy) -> SourceSwitch {
+        SourceSwitch::new(SwitchSettings { by, ..SETTINGS }, US, AUTOPILOT)
+    }
+
+    fn ack(result: MavResult) -> COMMAND_ACK_DATA {
+        COMMAND_ACK_DATA {
+            command: MavCmd::MAV_CMD_SET_EKF_SOURCE_SET,
+            result,
+            target_system: 1,
+            target_component: 197,
+            ..Default::default()
+        }
+    }
+
+    /// The sets commanded with their time, ms, and what was told, polling every 50 ms.
+    fn play(
+        switch: &mut SourceSwitch,
+        (from, to): (i64, i64),
+        inputs: &SwitchInputs,
+    ) -> (Vec<(i64, u8)>, Vec<SwitchNews>) {
+        let (mut commands, mut news) = (Vec::new(), Vec::new());
+        for ms in (from..to).step_by(50) {
+            let poll = switch.poll(Stamp::from_micros(ms * 1000), inputs);
+            if let Some(MavMessage::COMMAND_LONG(c)) = poll.command {
+                assert_eq!(c.command, MavCmd::MAV_CMD_SET_EKF_SOURCE_SET);
+                assert_eq!((c.target_system, c.target_component), (1, 1));
+                commands.push((ms, c.param1 as u8));
+            }
+            news.extend(poll.news);
+        }
+        (commands, news)
+    }
+
+    #[test]
+    fn over_at_the_decision_and_back_when_gnss_has_been_good() {
+        let mut s = switch(SwitchedBy::Holdover);
+        assert_eq!(play(&mut s, (0, 10_000), &inputs(Mode::Aided)), (vec![], vec![]));
+        let (commands, _) = play(&mut s, (10_000, 10_100), &inputs(Mode::Holdover));
+        assert_eq!(commands, [(10_000, 2)]);
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(2));
+        assert_eq!(play(&mut s, (10_100, 60_000), &on_ours(Mode::Holdover)), (vec![], vec![]));
+        assert_eq!(play(&mut s, (60_000, 70_000), &on_ours(Mode::Rejoining)), (vec![], vec![]));
+        let (commands, _) = play(&mut s, (70_000, 75_100), &on_ours(Mode::Aided));
+        assert_eq!(commands, [(75_000, 1)]);
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(1));
+        assert_eq!(play(&mut s, (75_100, 90_000), &inputs(Mode::Aided)), (vec![], vec![]));
+        let (commands, _) = play(&mut s, (90_000, 90_100), &inputs(Mode::Holdover));
+        assert_eq!(commands, [(90_000, 2)], "the next outage");
+    }
+
+    #[test]
+    fn an_autopilot_that_does_not_answer_is_asked_five_times_and_the_pilot_told() {
+        let mut s = switch(SwitchedBy::Holdover);
+        let (commands, news) = play(&mut s, (0, 20_000), &inputs(Mode::Holdover));
+        assert_eq!(commands, [(0, 2), (700, 2), (1400, 2), (2100, 2), (2800, 2)]);
+        assert_eq!(news, [SwitchNews::NotSwitched(2, WhyNot::NoAnswer)]);
+        let mut s = switch(SwitchedBy::Holdover);
+        play(&mut s, (0, 50), &inputs(Mode::Holdover));
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED)), None);
+        let (commands, news) = play(&mut s, (50, 20_000), &inputs(Mode::Holdover));
+        assert_eq!((commands, news), (vec![], vec![SwitchNews::NotSwitched(2, WhyNot::Refused)]));
+    }
+
+    #[test]
+    fn answers_to_others_are_not_ours() {
+        let mut s = switch(SwitchedBy::Holdover);
+        play(&mut s, (0, 50), &inputs(Mode::Holdover));
+        let accepted = ack(MavResult::MAV_RESULT_ACCEPTED);
+        assert_eq!(s.acknowledge(&COMMAND_ACK_DATA { target_system: 255, ..accepted.clone() }), None);
+        let other = COMMAND_ACK_DATA { command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, ..accepted };
+        assert_eq!(s.acknowledge(&other), None);
+        let passing = ack(MavResult::MAV_RESULT_TEMPORARILY_REJECTED);
+        assert_eq!(s.acknowledge(&passing), None);
+        assert_eq!(play(&mut s, (50, 800), &inputs(Mode::Holdover)).0, [(700, 2)], "asked again");
+    }
+
+    #[test]
+    fn what_is_not_fit_or_not_received_is_not_switched_to() {
+        let mut s = switch(SwitchedBy::Holdover);
+        for quality in [None, Some(9)] {
+            let unfit = SwitchInputs { quality, ..inputs(Mode::Holdover) };
+            assert_eq!(play(&mut s, (0, 20_000), &unfit), (vec![], vec![]));
+        }
+        let deaf = SwitchInputs { received: false, ..inputs(Mode::Holdover) };
+        let mut s = switch(SwitchedBy::Holdover);
+        let (commands, news) = play(&mut s, (0, 20_000), &deaf);
+        assert_eq!((commands, news), (vec![], vec![SwitchNews::NotSwitched(2, WhyNot::NotReceived)]));
+    }
+
+    #[test]
+    fn an_ekf_without_a_position_is_switched_back() {
+        let mut s = switch(SwitchedBy::Holdover);
+        play(&mut s, (0, 50), &inputs(Mode::Holdover));
+        s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED));
+        let lost = SwitchInputs { standing: StandsOn::Nothing, ..on_ours(Mode::Holdover) };
+        let (commands, news) = play(&mut s, (50, 1500), &lost);
+        assert_eq!((commands, news), (vec![(1100, 1)], vec![SwitchNews::Reverted(1)]));
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(1));
+        assert_eq!(play(&mut s, (1500, 30_000), &inputs(Mode::Holdover)), (vec![], vec![]), "not again");
+    }
+
+    #[test]
+    fn the_pilots_switch_stands() {
+        let mut s = switch(SwitchedBy::Holdover);
+        play(&mut s, (0, 50), &inputs(Mode::Holdover));
+        s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED));
+        let (commands, news) = play(&mut s, (50, 30_000), &inputs(Mode::Holdover));
+        assert_eq!((commands, news), (vec![], vec![SwitchNews::PilotSwitched(1)]));
+        // A pilot who switches over before the decision also switches back.
+        let mut s = switch(SwitchedBy::Holdover);
+        assert_eq!(play(&mut s, (0, 30_000), &on_ours(Mode::Holdover)), (vec![], vec![]));
+        let (commands, news) = play(&mut s, (30_000, 60_000), &on_ours(Mode::Aided));
+        assert_eq!((commands, news), (vec![], vec![SwitchNews::SwitchBack(1)]));
+    }
+
+    #[test]
+    fn a_pilot_who_switches_is_told_when() {
+        let mut s = switch(SwitchedBy::Pilot);
+        let (commands, news) = play(&mut s, (0, 20_000), &inputs(Mode::Holdover));
+        assert_eq!((commands, news), (vec![], vec![SwitchNews::SwitchOver(2), SwitchNews::SwitchSoon(2)]));
+        let mut s = switch(SwitchedBy::Pilot);
+        assert_eq!(play(&mut s, (0, 3000), &inputs(Mode::Holdover)).1, [SwitchNews::SwitchOver(2)]);
+        assert_eq!(play(&mut s, (3000, 20_000), &on_ours(Mode::Holdover)).1, [], "he has");
+        assert_eq!(play(&mut s, (20_000, 40_000), &on_ours(Mode::Aided)).1, [SwitchNews::SwitchBack(1)]);
+    }
+
+    #[test]
+    fn an_autopilot_far_from_ours_is_waited_for_and_not_for_ever() {
+        let mut s = switch(SwitchedBy::Holdover);
+        play(&mut s, (0, 50), &inputs(Mode::Holdover));
+        s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED));
+        let far = Departure { time: AutopilotTime::from_micros(0), horizontal_m: 43.0, allowed_m: 9.0 };
+        let far = SwitchInputs { departure: Some(far), ..on_ours(Mode::Aided) };
+        let (commands, _) = play(&mut s, (1000, 36_100), &far);
+        assert_eq!(commands, [(36_000, 1)]);
+    }
+
+    #[test]
+    fn words_to_the_pilot_are_short() {
+        let why = [WhyNot::NotReceived, WhyNot::NoAnswer, WhyNot::Refused];
+        let mut all: Vec<SwitchNews> = why.into_iter().map(|w| SwitchNews::NotSwitched(2, w)).collect();
+        all.extend([SwitchNews::Switched(2, None), SwitchNews::Switched(2, Some(1234.5))]);
+        all.extend([SwitchNews::Reverted(1), SwitchNews::PilotSwitched(1), SwitchNews::SwitchBack(1)]);
+        all.extend([SwitchNews::SwitchOver(2), SwitchNews::SwitchSoon(2)]);
+        assert!(all.iter().all(|n| n.to_string().len() <= 40), "{all:?}");
+    }
+}
