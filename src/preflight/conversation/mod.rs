@@ -18,6 +18,7 @@ use crate::wire::frame::{ComponentId, Frame, SystemId};
 use crate::wire::messages::from_any_component;
 use crate::wire::session::Address;
 use crate::wire::session::autopilot::{AutopilotSession, Reply, SessionPoll};
+use crate::wire::session::hand_over::Situation;
 use crate::wire::session::heartbeat_fields::HeartbeatFields;
 use crate::wire::session::identity::{IdentityEvent, Sender, Vehicle};
 use crate::wire::session::parameter_value::{ParameterEncoding, ParameterName, ParameterValue, capabilities};
@@ -147,7 +148,7 @@ impl Preflight {
             system: settings.system,
             write,
             give_up: now + wait,
-            session: AutopilotSession::new(settings.system, settings.streams),
+            session: AutopilotSession::new(settings.system, settings.streams, settings.source_switch),
             decoder: Decoder::new(),
             arrivals: Arrivals::default(),
             mavlink1: false,
@@ -233,7 +234,7 @@ impl Preflight {
             return SessionPoll::default();
         }
         self.advance(now);
-        let mut due = self.session.poll(now);
+        let mut due = self.session.poll(now, &Situation::LISTENING);
         if let Some(parameters) = &mut self.parameters {
             due.messages.extend(parameters.dialogue.poll(now));
         }

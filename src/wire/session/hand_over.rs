@@ -28,6 +28,11 @@ pub struct Situation {
     pub departure: Option<Departure>,
 }
 
+impl Situation {
+    /// Of somebody who only listens: nothing is sent, and nothing decided.
+    pub const LISTENING: Self = Self { mode: Mode::Aligning, quality: None, age_s: None, departure: None };
+}
+
 /// What is to be told.
 #[derive(Clone, PartialEq, Debug)]
 pub enum HandOverNews {
