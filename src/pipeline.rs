@@ -58,7 +58,8 @@ impl Pipeline {
 
     /// The autopilot told its origin: the navigator's frame is put there, and the output knows by how much it moved.
     fn share_origin(&mut self, clock: &AutopilotClock, origin: &Geodetic) {
-        let before = self.navigator.frame().cloned();
+        let placed = !self.navigator.is_relative();
+        let before = self.navigator.frame().filter(|_| placed).cloned();
         let Some(time) = clock.newest() else { return };
         if !self.navigator.set_origin(time, *origin) {
             return;
@@ -90,7 +91,7 @@ impl Pipeline {
                 let solution = self.navigator.solution()?;
                 if self.navigator.is_relative() {
                     // The autopilot has no frame either: ours is the one.
-                    self.outbound.origin_shared();
+                    self.outbound.origin_shared(None);
                 }
                 self.outbound.step(&solution, out);
                 Some(solution)
