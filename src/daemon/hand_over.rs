@@ -81,7 +81,10 @@ impl Daemon {
     pub(super) fn tell_hand_over(&mut self, news: HandOverNews) {
         match news {
             HandOverNews::Fusion(fusion) => {
-                self.say(severity_of_fusion(&fusion), &fusion.to_string());
+                match severity_of_fusion(&fusion) {
+                    Severity::Info => tracing::info!("{fusion}"),
+                    severity => self.say(severity, &fusion.to_string()),
+                }
                 if let Some(advice) = fusion.advice() {
                     tracing::warn!("{fusion}: {advice}");
                 }

@@ -8,7 +8,7 @@ use super::estimate;
 use super::manners::{Manner, Manners};
 use crate::geo::{Body, BodyToNed, Ned};
 use crate::sample::{Airframe, FlowRotation, FlowSample, Sample, VehicleStatus};
-use crate::sim::autopilot::{FlightMode, SimulatedAutopilot};
+use crate::sim::autopilot::{FlightMode, OwnAiding, SimulatedAutopilot};
 use crate::wire::encode_vehicle::{self, VehicleTruth};
 use crate::wire::messages::Message;
 use crate::wire::session::identity::AutopilotKind;
@@ -71,7 +71,7 @@ impl Telemetry<'_> {
             apm::OPTICAL_FLOW_DATA::ID => self.own_flow().and_then(|flow| self.optical_flow(&flow)),
             apm::OPTICAL_FLOW_RAD_DATA::ID => encoded(self.own_flow().map(Sample::Flow)),
             apm::DISTANCE_SENSOR_DATA::ID => encoded(newest.range.filter(|_| self.sees).map(Sample::Range)),
-            apm::SYS_STATUS_DATA::ID => Some(encode_vehicle::sensors_present(false)),
+            apm::SYS_STATUS_DATA::ID => Some(self.sys_status()),
             apm::SYSTEM_TIME_DATA::ID => {
                 let now = vehicle.boot_time();
                 encode_vehicle::system_time(now, UNIX_US + (vehicle.now_s() * 1e6) as u64)
@@ -83,6 +83,22 @@ impl Telemetry<'_> {
             apm::AUTOPILOT_VERSION_DATA::ID => Some(self.version()),
             _ => estimate::message(id, vehicle),
         }
+    }
+
+    /// SYS_STATUS; ArduPilot tells of external navigation whether it is set up, and whether it is heard.
+    fn sys_status(&self) -> Message {
+        let mut message = encode_vehicle::sensors_present(false);
+        if let (Message::SYS_STATUS(m), OwnAiding::Ekf3(ekf)) = (&mut message, self.vehicle.aiding())
+            && ekf.external_is_set_up()
+        {
+            let vision = apm::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_VISION_POSITION;
+            m.onboard_control_sensors_present |= vision;
+            m.onboard_control_sensors_enabled |= vision;
+            if ekf.external_is_healthy(self.vehicle.now_s()) {
+                m.onboard_control_sensors_health |= vision;
+            }
+        }
+        message
     }
 
     fn own_flow(&self) -> Option<FlowSample> {

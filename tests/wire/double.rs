@@ -145,6 +145,19 @@ async fn beside_ardupilot_the_readme_holds_it_through_an_outage() {
 }
 
 #[tokio::test]
+async fn beside_ardupilot_holdover_switches_over_and_back_by_itself() {
+    // By the default settings, but for a patience in real time, which is a twelfth of the flight's.
+    let mut daemon = holdover(&["--set", "tuning.handover.return_after_s=0.1"]);
+    let flown = fly(settings(AutopilotKind::ArduPilot, outage(20.0, false)), &daemon).await;
+    held(&flown, &daemon, 6.0);
+    for text in ["EKF source set 2", "EKF source set 1"] {
+        assert_eq!(daemon.told(text), 1, "{text}: {}", daemon.log());
+    }
+    assert!(daemon.told("autopilot flies on our position") > 0, "{}", daemon.log());
+    daemon.stop();
+}
+
+#[tokio::test]
 async fn beside_px4_the_readme_holds_it_through_an_outage() {
     let mut daemon = holdover(&["--set", "outbound.publish=always"]);
     let flown = fly(settings(AutopilotKind::Px4, outage(20.0, false)), &daemon).await;

@@ -157,6 +157,11 @@ impl Ekf3 {
         true
     }
 
+    /// Whether external navigation is set up.
+    pub fn external_is_set_up(&self) -> bool {
+        self.settings.viso_type != 0
+    }
+
     /// Whether external navigation is heard, or not wanted: the arming check "VisOdom: not healthy".
     pub fn external_is_healthy(&self, now_s: f64) -> bool {
         self.settings.viso_type == 0 || self.heard_s.is_some_and(|t| now_s - t <= HEALTHY_S)
