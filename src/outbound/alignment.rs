@@ -100,6 +100,7 @@ impl Alignment {
         if kept.offset.iter().all(|o| o.abs() < FARTHEST_M) {
             self.offset = Ned::new(Vector3::from(kept.offset));
             self.observations = if kept.learned { ENOUGH } else { 0 };
+            self.learned_at = kept.learned.then_some(self.offset);
             self.origin_shared |= kept.origin_shared;
         }
     }
