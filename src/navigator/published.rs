@@ -66,7 +66,8 @@ impl Published {
         &mut self,
         (offset_ned, [gliding_m, smoothed_m], reset_counter): ([f64; 3], [f64; 2], u8),
     ) {
-        *self = Self { offset_ned: Vector3::from(offset_ned), gliding_m, smoothed_m, reset_counter };
+        let offset_ned = Vector3::from(offset_ned);
+        *self = Self { offset_ned, gliding_m, smoothed_m, glide_ned: Vector3::zeros(), reset_counter };
     }
 
     /// There is nothing to be continuous with: the estimate is published as it is.
