@@ -62,7 +62,8 @@ fn free_port() -> SocketAddr {
 fn start(address: SocketAddr, folder: &Path, deny: &str) -> Holdover {
     let endpoint = format!("udpin:{address}");
     let dir = format!("state.dir={}", folder.display());
-    let holdover = Holdover::run(&["--endpoint", &endpoint, "--deny-gnss", deny, "--set", &dir]);
+    let arguments = ["--endpoint", &endpoint, "--deny-gnss", deny, "--set", &dir];
+    let holdover = Holdover::run(&[&arguments[..], &["--set", "outbound.covariance=absolute"]].concat());
     holdover.wait_for("listens at", 1);
     holdover
 }
@@ -77,7 +78,10 @@ async fn killed_in_an_outage(address: SocketAddr, folder: &Path) -> (Autopilot, 
     autopilot.play(&flight, REAL_TIME_S, KILLED_S, 1.0).await;
     assert!(autopilot.odometry().len() > 100, "{}", holdover.log());
     holdover.kill();
-    (autopilot, flight, Instant::now())
+    let killed = Instant::now();
+    // What is on its way yet arrives.
+    sleep_until(killed + Duration::from_millis(300)).await;
+    (autopilot, flight, killed)
 }
 
 #[tokio::test]
