@@ -160,6 +160,7 @@ typed! {
     crate::navigator::settings::Estimator: Text,
     crate::navigator::settings::FlowBiasSource: Text,
     crate::outbound::Carriage: Text,
+    crate::outbound::Coasting: Text,
     crate::outbound::Covariance: Text,
     crate::outbound::Publish: Text,
     crate::wire::session::source_switch::SwitchedBy: Text,

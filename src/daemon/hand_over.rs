@@ -22,6 +22,7 @@ impl Daemon {
             quality: fit.map(|s| outbound.quality(s)),
             age_s: self.age_s,
             departure: outbound.departure(),
+            place: self.pipeline.navigator.began_at(),
         }
     }
 

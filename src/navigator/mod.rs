@@ -231,6 +231,11 @@ impl Navigator {
         self.core.integrity.never_good() && self.core.mode != Mode::Aligning
     }
 
+    /// Where navigation began without any fix, as it is configured, while no receiver has had one since.
+    pub fn began_at(&self) -> Option<Geodetic> {
+        self.core.settings.start.place.filter(|_| self.is_relative())
+    }
+
     /// What became of everything that every source told.
     pub fn statuses(&self) -> &StatusBoard {
         &self.core.statuses

@@ -90,6 +90,7 @@ mod tests {
     use nalgebra::{Matrix2, Vector2, Vector3};
 
     const SETTINGS: OutboundSettings = OutboundSettings {
+        coasting: super::super::Coasting::Briefly,
         publish: Publish::Auto,
         covariance: Covariance::Correlated,
         carriage: Carriage::Odometry,

@@ -73,6 +73,9 @@ pub enum Sending {
     /// Not sent: GNSS is good, and nothing else was asked for.
     #[strum(serialize = "not sent: GNSS is good")]
     GnssGood,
+    /// Not sent: nothing but inertia carries it.
+    #[strum(serialize = "not sent: inertia alone carries it")]
+    Coasting,
     /// Not sent: the position is not good enough for anybody.
     #[strum(serialize = "not sent: the position is lost")]
     Lost,
@@ -81,7 +84,8 @@ pub enum Sending {
 impl Sending {
     /// Whether something is sent.
     pub const fn sends(self) -> bool {
-        !matches!(self, Self::Forbidden | Self::Aligning | Self::NoFrame | Self::GnssGood | Self::Lost)
+        use Sending::{Aligning, Coasting, Forbidden, GnssGood, Lost, NoFrame};
+        !matches!(self, Forbidden | Aligning | NoFrame | GnssGood | Coasting | Lost)
     }
 
     /// Whether it is sent and why, for people; 40 characters at most.
@@ -101,6 +105,8 @@ pub(super) struct SendInputs {
     pub(super) aligned: bool,
     /// The autopilot was sent to in an outage, and was not seen on GNSS since.
     pub(super) relied_on: bool,
+    /// Nothing but inertia carries, for too long for anybody to follow it.
+    pub(super) coasts: bool,
     /// What is lost is still said to be.
     pub(super) farewell: bool,
 }
@@ -115,6 +121,7 @@ pub(super) fn decide(i: &SendInputs) -> Sending {
         Mode::Lost if i.farewell => Sending::Farewell,
         Mode::Lost => Sending::Lost,
         _ if !i.aligned => Sending::NoFrame,
+        Mode::Holdover if i.coasts => Sending::Coasting,
         Mode::Holdover => Sending::Outage,
         Mode::Rejoining => Sending::Rejoining,
         Mode::Aided => decide_aided(i),
@@ -144,6 +151,7 @@ mod tests {
         standing: StandsOn::Unknown,
         aligned: true,
         relied_on: false,
+        coasts: false,
         farewell: false,
     };
 
@@ -181,7 +189,7 @@ mod tests {
     fn a_reason_fits_into_a_word_to_the_pilot() {
         use Sending::*;
         let sent = [Outage, Rejoining, Arming, NoStep, FlownOn, NotSeenOff, Always, Farewell];
-        let not_sent = [Forbidden, Aligning, NoFrame, GnssGood, Lost];
+        let not_sent = [Forbidden, Aligning, NoFrame, GnssGood, Coasting, Lost];
         assert!(sent.iter().all(|s| s.sends() && s.label().starts_with("sent: ")));
         assert!(not_sent.iter().all(|s| !s.sends() && s.label().starts_with("not sent: ")));
         assert!(sent.iter().chain(&not_sent).all(|s| s.label().len() <= 40));

@@ -6,6 +6,7 @@
 //! Messages are paced by the solution's time: when the stream of samples stops, so does the output, and no pose is sent twice.
 
 pub mod alignment;
+mod coasting;
 mod covariance;
 mod following;
 pub mod handover;
@@ -20,11 +21,12 @@ use crate::sample::Reference;
 use crate::time::{AutopilotTime, Span};
 
 use alignment::{Alignment, AlignmentMemory};
+use coasting::CoastWatch;
 pub use following::Departure;
 use following::FollowingWatch;
 use handover::{SendInputs, Sending, StandsOn, decide};
 use message::{Odometry, OutboundMessage, PoseFrame, VisionPosition};
-pub use settings::{Carriage, Covariance, OutboundSettings, Profile, Publish};
+pub use settings::{Carriage, Coasting, Covariance, OutboundSettings, Profile, Publish};
 
 /// The output of one vehicle.
 #[derive(Clone, Debug)]
@@ -34,6 +36,7 @@ pub struct Outbound {
     standing: StandsOn,
     sending: Sending,
     following: FollowingWatch,
+    coast: CoastWatch,
     due: Option<AutopilotTime>,
     last_published: Option<AutopilotTime>,
     /// The autopilot was sent to in an outage, and was not seen on GNSS since.
@@ -51,6 +54,7 @@ impl Outbound {
             standing: StandsOn::Unknown,
             sending: Sending::Aligning,
             following: FollowingWatch::new(),
+            coast: CoastWatch::default(),
             due: None,
             last_published: None,
             relied_on: false,
@@ -193,6 +197,7 @@ impl Outbound {
             standing: self.standing,
             aligned: self.alignment.aligned(),
             relied_on: self.relied_on,
+            coasts: self.coast.coasts(solution, self.settings.coasting),
             farewell,
         });
         self.relied_on |= matches!(sending, Sending::Outage | Sending::Rejoining);

@@ -17,6 +17,18 @@ pub enum Publish {
     Never,
 }
 
+/// Whether a position that nothing but inertia carries is sent in an outage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Coasting {
+    /// Not at all.
+    Never,
+    /// Over gaps in what else carries: see the module `coasting`.
+    Briefly,
+    /// For as long as the navigator does not call itself lost.
+    Always,
+}
+
 /// Which covariance is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -57,6 +69,8 @@ fn unknown_profile(name: &str) -> String {
 pub struct OutboundSettings {
     /// When to send.
     pub publish: Publish,
+    /// Whether inertia alone is sent.
+    pub coasting: Coasting,
     /// Which covariance.
     pub covariance: Covariance,
     /// Which message.

@@ -8,6 +8,7 @@ use nalgebra::Matrix3;
 fn settings(publish: Publish) -> OutboundSettings {
     OutboundSettings {
         publish,
+        coasting: Coasting::Briefly,
         covariance: Covariance::Correlated,
         carriage: Carriage::Odometry,
         profile: Profile::Ardupilot,
@@ -270,4 +271,27 @@ fn an_origin_that_comes_late_moves_nothing_that_is_sent() {
     out.step(&Solution { position: s.position + Ned::new(north(300.0)), ..s }, &mut messages);
     let Some(OutboundMessage::Odometry(o)) = messages.first() else { panic!("nothing sent") };
     assert!((o.position - before).raw().norm() < 1e-9);
+}
+
+#[test]
+fn what_only_inertia_carries_is_not_sent_but_over_gaps() {
+    let mut out = Outbound::new(settings(Publish::Auto));
+    out.origin_shared(None);
+    let mut step = |ms: i64, source: VelocitySource, variance: f64| {
+        let s = Solution {
+            velocity_source: source,
+            velocity_covariance: Ned::new(Matrix3::identity() * variance),
+            ..solution(ms, Mode::Holdover)
+        };
+        out.step(&s, &mut Vec::new());
+        out.sending()
+    };
+    // From the loss on: as long as it takes to see that nothing carries.
+    assert_eq!(step(0, VelocitySource::Inertial, 0.01), Sending::Outage);
+    assert_eq!(step(600, VelocitySource::Inertial, 0.01), Sending::Coasting);
+    // Flow comes, and has a gap.
+    assert_eq!(step(1000, VelocitySource::Flow, 0.01), Sending::Outage);
+    assert_eq!(step(5000, VelocitySource::Inertial, 0.05), Sending::Outage);
+    assert_eq!(step(9000, VelocitySource::Inertial, 0.2), Sending::Coasting);
+    assert_eq!(step(9500, VelocitySource::Flow, 0.05), Sending::Outage);
 }

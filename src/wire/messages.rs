@@ -149,6 +149,8 @@ pub const TABLE: &[MessageUse] = &[
     MessageUse::sent::<apm::ODOMETRY_DATA>(),
     MessageUse::sent::<apm::VISION_POSITION_ESTIMATE_DATA>(),
     MessageUse::sent::<apm::VISION_SPEED_ESTIMATE_DATA>(),
+    #[allow(deprecated, reason = "its successor is a command that the autopilots in use do not know")]
+    MessageUse::sent::<apm::SET_GPS_GLOBAL_ORIGIN_DATA>(),
 ];
 
 /// Ids below this are looked up; the table holds none above.

@@ -128,6 +128,7 @@ impl AllKeys {
         let profile = self.vehicle.profile.parse::<Profile>().ok();
         let outbound = OutboundSettings {
             publish: self.outbound.publish,
+            coasting: self.outbound.coasting,
             covariance: self.outbound.covariance,
             carriage: self.outbound.message,
             profile: profile.unwrap_or(Profile::Ardupilot),

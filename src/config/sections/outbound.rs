@@ -1,7 +1,7 @@
 //! `[outbound]` and `[log]`: what the autopilot is told, and what the operator.
 
 use crate::config::key::section;
-use crate::outbound::{Carriage, Covariance, Publish};
+use crate::outbound::{Carriage, Coasting, Covariance, Publish};
 
 section! {
     /// What is sent to the autopilot.
@@ -14,6 +14,8 @@ section! {
         rate_hz: f64 = 30.0 in 4.0 ..= 50.0;
         /// For how long a lost navigator says so before it is silent.
         farewell_s: f64 = 0.25 in 0.0 ..= 60.0;
+        /// Whether a position that nothing but inertia carries is sent in an outage: never, briefly (over gaps of a few seconds in what else carries), or always. An autopilot that is told nothing lands nearer to where it was.
+        coasting: Coasting = "briefly" of "never" | "briefly" | "always";
         /// The covariance that is sent: "correlated" is inflated for errors that last and has short-term noise of the position, as a filter needs it that takes every message for independent; "absolute" is the navigator's own, for other readers.
         covariance: Covariance = "correlated" of "correlated" | "absolute";
         /// Tell mode changes and the hand-over by STATUSTEXT.

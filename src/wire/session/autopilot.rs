@@ -6,6 +6,7 @@ use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage, TIMESYNC_DA
 use super::Address;
 use super::hand_over::{HandOver, HandOverNews, Situation};
 use super::identity::{Identity, IdentityConfig, IdentityEvent, Sender, Vehicle};
+use super::origin_offer::OriginOffer;
 use super::requests::{Refusal, StreamRequests, StreamSettings};
 use super::source_switch::SwitchSettings;
 use super::timesync::{TimeSync, TimeSyncConfig, TimeSyncHeard};
@@ -34,6 +35,7 @@ struct Dialogue {
     autopilot: Address,
     sync: TimeSync,
     requests: StreamRequests,
+    origin: OriginOffer,
     hand_over: HandOver,
 }
 
@@ -111,6 +113,7 @@ impl AutopilotSession {
                 sync: TimeSync::new(TimeSyncConfig::default(), us, vehicle.address()),
                 requests: StreamRequests::new(self.rates, vehicle),
                 hand_over: HandOver::new(self.switch, us, vehicle),
+                origin: OriginOffer::default(),
             });
         }
     }
@@ -129,6 +132,7 @@ impl AutopilotSession {
             dialogue.sync.restart();
             dialogue.requests.reboot();
             dialogue.hand_over.restart();
+            dialogue.origin = OriginOffer::default();
         }
     }
 
@@ -162,6 +166,7 @@ impl AutopilotSession {
     pub fn origin_heard(&mut self) {
         if let Some(dialogue) = &mut self.dialogue {
             dialogue.requests.origin_heard();
+            dialogue.origin.known();
         }
     }
 
@@ -235,6 +240,7 @@ impl AutopilotSession {
             let (command, news) = dialogue.hand_over.poll(now, situation);
             due.messages.extend(command);
             due.hand_over = news;
+            due.messages.extend(dialogue.origin.poll(now, dialogue.autopilot, situation.place));
             due.messages.extend(dialogue.sync.poll(now));
             let (request, refusals) = dialogue.requests.poll(now, vehicle);
             due.messages.extend(request);

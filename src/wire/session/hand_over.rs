@@ -2,6 +2,7 @@
 
 use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage};
 
+use crate::geo::Geodetic;
 use crate::navigator::solution::Mode;
 use crate::outbound::Departure;
 use crate::outbound::handover::StandsOn;
@@ -26,11 +27,14 @@ pub struct Situation {
     pub age_s: Option<f64>,
     /// How far the autopilot's position is from what it was sent.
     pub departure: Option<Departure>,
+    /// Where the vehicle began without GNSS, where that is configured.
+    pub place: Option<Geodetic>,
 }
 
 impl Situation {
     /// Of somebody who only listens: nothing is sent, and nothing decided.
-    pub const LISTENING: Self = Self { mode: Mode::Aligning, quality: None, age_s: None, departure: None };
+    pub const LISTENING: Self =
+        Self { mode: Mode::Aligning, quality: None, age_s: None, departure: None, place: None };
 }
 
 /// What is to be told.

@@ -11,6 +11,8 @@ pub mod hand_over;
 pub mod heartbeat;
 pub mod heartbeat_fields;
 pub mod identity;
+#[allow(deprecated, reason = "its successor is a command that the autopilots in use do not know")]
+mod origin_offer;
 pub mod outgoing;
 pub mod parameter_value;
 pub mod parameters;
