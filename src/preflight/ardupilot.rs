@@ -172,24 +172,38 @@ impl EkfSourceSet<'_> {
     }
 }
 
+/// The set that navigates by GNSS has to do so, and the one that is switched to has to take what is sent.
 fn sources(case: &Case<'_>) -> Vec<Finding> {
-    let sets = [1, 2, 3].map(|number| EkfSourceSet { case, number });
-    let mut out: Vec<Finding> = sets.iter().filter(|s| s.takes_us()).flat_map(EkfSourceSet::judge).collect();
-    let [first, others @ ..] = &sets;
-    if first.takes_us() && !case.needs.sends_before_a_loss() {
-        let why =
-            "EK3_SRC1_POSXY is 6: the EKF flies on us from the start, and gets nothing before GNSS is lost";
-        out.push(publish(case, why));
+    let set = |number| EkfSourceSet { case, number };
+    let (gnss, external) = (set(case.needs.sets.gnss), set(case.needs.sets.external));
+    let mut out = Vec::new();
+    if gnss.takes_us() && !case.needs.sends_before_a_loss() {
+        let why = format!(
+            "{} is 6: the EKF flies on us from the start, and gets nothing before GNSS is lost",
+            gnss.name("POSXY")
+        );
+        out.push(publish(case, &why));
     }
-    if sets.iter().any(EkfSourceSet::takes_us) || others.iter().all(|s| s.get("POSXY").is_none()) {
+    let Some(value) = external.get("POSXY") else { return out };
+    if external.takes_us() || external.is_free() {
+        out.extend(external.judge());
         return out;
     }
-    match others.iter().find(|s| s.is_free()) {
-        Some(set) => out.extend(set.judge()),
+    match (1..=3).map(set).find(|s| s.takes_us() && s.number != gnss.number) {
+        Some(other) => {
+            let why = "that set has other sources, and this one has ours";
+            let key = ("handover.external_set", external.number);
+            out.push(Finding::key(FindingGrade::Fault, key, &other.number.to_string(), why));
+        }
         None => {
-            let value = others.first().and_then(|s| s.get("POSXY")).unwrap_or_default();
-            let why = "no source set takes external navigation, and sets 2 and 3 are in use: choose one";
-            out.push(Finding::parameter(FindingGrade::Fault, ("EK3_SRC2_POSXY", value), "6", None, why));
+            let why = "no source set takes external navigation, and this one is in use: free it, or choose another (handover.external_set)";
+            out.push(Finding::parameter(
+                FindingGrade::Fault,
+                (&external.name("POSXY"), value),
+                "6",
+                None,
+                why,
+            ));
         }
     }
     out
@@ -198,7 +212,7 @@ fn sources(case: &Case<'_>) -> Vec<Finding> {
 fn publish(case: &Case<'_>, why: &str) -> Finding {
     let now = serde_json::to_value(case.needs.publish).unwrap_or_default();
     let now = now.as_str().unwrap_or_default().to_owned();
-    Finding::key(FindingGrade::Fault, ("outbound.publish", now), "always", why)
+    Finding::key(FindingGrade::Fault, ("outbound.publish", now), "auto", why)
 }
 
 /// With VISO_TYPE set, ArduPilot arms only while messages come.

@@ -3,6 +3,7 @@
 use crate::config::Settings;
 use crate::navigator::settings::BudgetSettings;
 use crate::outbound::{Carriage, Profile, Publish};
+use crate::wire::session::standing_watch::SourceSets;
 
 /// What an autopilot has to be set up for.
 #[derive(Clone, Debug)]
@@ -21,6 +22,8 @@ pub struct Needs {
     pub imu_hz: f64,
     /// Which sources of the velocity are used.
     pub uses: Uses,
+    /// ArduPilot's source sets.
+    pub sets: SourceSets,
     /// A loss of GNSS is decided after this, s.
     pub loss_s: f64,
     /// Without any fix the navigation starts where the vehicle is after this, s; `None` waits for GNSS.
@@ -67,6 +70,7 @@ impl Needs {
                 drag: navigator.drag.enabled,
                 landmarks: navigator.landmarks.is_some(),
             },
+            sets: settings.source_switch.sets,
             loss_s: navigator.gnss.trust.loss_s,
             without_gnss_s: navigator.start.without_gnss_s,
             max_coast_s: navigator.holdover.max_coast_s,

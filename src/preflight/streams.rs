@@ -70,7 +70,7 @@ fn profile(case: &Case<'_>) -> Option<Finding> {
 fn silence(case: &Case<'_>) -> Option<Finding> {
     let why = "nothing is sent: the settings of external navigation were not checked";
     let never = case.needs.publish == Publish::Never;
-    never.then(|| Finding::key(FindingGrade::Advice, ("outbound.publish", "never"), "always", why))
+    never.then(|| Finding::key(FindingGrade::Advice, ("outbound.publish", "never"), "auto", why))
 }
 
 fn imu(case: &Case<'_>) -> Option<Finding> {

@@ -86,8 +86,8 @@ fn an_ardupilot_as_it_comes_is_told_what_it_lacks_and_nothing_is_changed() {
         "param set VISO_TYPE 1",
         "EK3_SRC2_POSXY is 0, should be 6",
         "EK3_SRC2_YAW is 0, should be 1 or 6",
-        "outbound.publish is holdover, should be always",
-        "holdover run --set outbound.publish=always",
+        "outbound.publish is holdover, should be auto",
+        "holdover run --set outbound.publish=auto",
         "RC7_OPTION is 90",
         "After a loss of GNSS\n  carried by optical flow, its height from the rangefinder, up to 50 m",
     ] {
