@@ -49,7 +49,7 @@ enum Command {
     /// What is in a log, and what Holdover can do with it
     Inspect(inspect::InspectArgs),
     /// Write the log of a simulated flight, with the truth in it, or be an autopilot in flight
-    Simulate(simulate::SimulateArgs),
+    Simulate(Box<simulate::SimulateArgs>),
     /// Check the configuration and show what is in force
     Check(check::CheckArgs),
 }

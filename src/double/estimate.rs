@@ -32,9 +32,8 @@ fn local_position(vehicle: &SimulatedAutopilot) -> Option<Message> {
     let known = vehicle.origin().is_some() && vehicle.aiding().has_position(vehicle.now_s());
     let ([x, y, z], [vx, vy, vz]) = (floats(&filter.position()), floats(&filter.velocity()));
     let time_boot_ms = boot_ms(vehicle);
-    known.then(|| {
-        Message::LOCAL_POSITION_NED(apm::LOCAL_POSITION_NED_DATA { time_boot_ms, x, y, z, vx, vy, vz })
-    })
+    let message = apm::LOCAL_POSITION_NED_DATA { time_boot_ms, x, y, z, vx, vy, vz };
+    known.then_some(Message::LOCAL_POSITION_NED(message))
 }
 
 /// Where the estimate lies on the globe.

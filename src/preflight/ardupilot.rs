@@ -192,7 +192,7 @@ fn sources(case: &Case<'_>) -> Vec<Finding> {
     match (1..=3).map(set).find(|s| s.takes_us() && s.number != gnss.number) {
         Some(other) => {
             let why = "that set has other sources, and this one has ours";
-            let key = ("handover.external_set", external.number);
+            let key = ("tuning.handover.external_set", external.number);
             out.push(Finding::key(FindingGrade::Fault, key, &other.number.to_string(), why));
         }
         None => {

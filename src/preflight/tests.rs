@@ -166,11 +166,11 @@ fn a_free_source_set_is_used_and_one_in_use_is_left_alone() {
     assert_eq!(names, wanted);
     let used = [("EK3_SRC2_POSXY", 3.0), ("EK3_SRC3_VELXY", 5.0)];
     assert_eq!(mends(ardupilot(), &used, &[ALWAYS]), [("EK3_SRC2_POSXY".to_owned(), None)]);
-    let third = "handover.external_set=3";
+    let third = "tuning.handover.external_set=3";
     let names: Vec<_> = mends(ardupilot(), &[], &[ALWAYS, third]).into_iter().map(|f| f.0).collect();
     assert_eq!(names, ["EK3_SRC3_POSXY", "EK3_SRC3_VELXY", "EK3_SRC3_YAW"]);
     let other = [used[0], ("EK3_SRC3_POSXY", 6.0), ("EK3_SRC3_VELXY", 6.0), ("EK3_SRC3_YAW", 1.0)];
-    assert_eq!(mends(ardupilot(), &other, &[ALWAYS]), [("handover.external_set".to_owned(), None)]);
+    assert_eq!(mends(ardupilot(), &other, &[ALWAYS]), [("tuning.handover.external_set".to_owned(), None)]);
 }
 
 #[test]
