@@ -8,6 +8,7 @@ use crate::time::{AutopilotTime, Span};
 use super::super::context::Context;
 use super::super::observation::Observation;
 use super::super::reset::Reset;
+use super::super::solution::Mode;
 use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
 use super::status::SourceHealth;
@@ -116,12 +117,12 @@ impl MagnetometerSource {
     }
 
     /// Whether the field dips otherwise than Earth's does here: then something on the vehicle bends it, and the heading it shows is as wrong.
-    /// Down is the filter's where that runs, and else what the accelerometers show while they feel gravity alone.
+    /// Down is the estimate's where there is one, and else what the accelerometers show while they feel gravity alone.
     fn is_dipped(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) -> bool {
         let core = context.core;
         let felt = core.stream.last().map(|imu| -imu.specific_force.raw());
         let gravity = core.surroundings.environment().map_or(f64::NAN, |e| e.gravity_ned.norm());
-        let down_body = if core.estimator.has_error_state() {
+        let down_body = if core.mode != Mode::Aligning {
             Some(core.attitude.r_body_to_ned.row(2).transpose())
         } else {
             felt.filter(|f| (f.norm() / gravity - 1.0).abs() < FEELS_GRAVITY).map(|f| f.normalize())
@@ -166,7 +167,7 @@ impl MagnetometerSource {
             return true;
         }
         // Before there is a heading to set it against, a dip that is right has to do.
-        let judged = context.core.estimator.has_error_state();
+        let judged = context.core.mode != Mode::Aligning;
         let seen = context.core.attitude.r_body_to_ned * s.field.raw();
         let angle = (seen.x * field_ned.y - seen.y * field_ned.x).atan2(seen.xy().dot(&field_ned.xy()));
         self.agrees_since = self.agrees_since.or(Some(s.time)).filter(|_| !judged || angle.abs() < AGREES);
