@@ -14,7 +14,7 @@
 //!
 //! τ is [`CORRELATION_S`], and below [`LEAST_VELOCITY_MPS`] nothing is claimed. That holds as long as there is GNSS to weigh ours against. In an outage there is
 //! nothing else: an autopilot that hardly weighs our velocity follows its accelerometers instead. PX4, told of R = 7 (m/s)² in the seconds between the loss
-//! and its reset to us, walked off at 0.2 m/s² while our velocity was right to 0.2 m/s, and stepped by 4.2 m; told of s², by 0.3-0.5 m. So in Holdover s² itself
+//! and its reset to us, walked off at 0.2 m/s² while our velocity was right to 0.2 m/s, and stepped by 4.2 m; told of s², by 0.3-1.4 m. So in Holdover s² itself
 //! is sent, and no less than [`LEAST_ALONE_MPS`].
 //!
 //! **Position**, where the autopilot is to follow it: what it is off by against its own past of a second,
