@@ -103,6 +103,8 @@ pub enum EventKind {
 pub enum Waits {
     /// A fix of GNSS that can be trusted; what is wrong with those that come.
     Fix(GnssFault),
+    /// GNSS is good, and has to be for longer.
+    Trust,
     /// A height: a barometer, or the height of fixes.
     Height,
     /// Without a magnetometer only motion shows the heading.
@@ -115,6 +117,7 @@ impl fmt::Display for Waits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Waits::Fix(fault) => write!(f, "waits for GNSS: {}", fault.reason()),
+            Waits::Trust => write!(f, "GNSS is good, not yet for long"),
             Waits::Height => write!(f, "waits for a height: no barometer"),
             Waits::Motion => write!(f, "no compass to trust: move, it shows heading"),
             Waits::Attitude(off) => write!(f, "attitude off by {:.0} deg, keep still", off.to_degrees()),

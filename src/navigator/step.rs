@@ -228,7 +228,9 @@ impl Core {
     /// What keeps the navigator from navigating.
     fn waits_for(&self, now: AutopilotTime, facts: &SourceFacts) -> Waits {
         let observer = self.estimator.observer();
-        if let GnssState::Untrusted(fault) = self.integrity.state() {
+        if self.integrity.settles() {
+            Waits::Trust
+        } else if let GnssState::Untrusted(fault) = self.integrity.state() {
             Waits::Fix(fault)
         } else if self.height.height_m().is_none() {
             Waits::Height

@@ -31,7 +31,7 @@ section! {
         /// Scale error of the airspeed, 1 sigma.
         airspeed_scale_sigma: f64 = 0.05 in 0.0 ..= 1.0 unit "" was "kalman.airspeed_scale_sigma";
         /// Random walk of the flow's bias.
-        flow_bias_walk: f64 = 0.00002 in 0.0 ..= 0.1 unit "rad/s/√s" was "kalman.flow_bias_walk";
+        flow_bias_walk_radps: f64 = 0.00002 in 0.0 ..= 0.1 unit "rad/s/√s" was "kalman.flow_bias_walk", "tuning.filter.flow_bias_walk";
         /// Random walk of the flow's scale and misalignment.
         flow_scale_walk: f64 = 0.0002 in 0.0 ..= 1.0 unit "1/√s" was "kalman.flow_scale_walk";
         /// Innovations beyond this many sigmas are rejected.
@@ -57,7 +57,7 @@ impl FilterTuning {
                 airspeed_scale_sigma: self.airspeed_scale_sigma,
                 drag_sigma,
             },
-            flow_bias_walk: self.flow_bias_walk,
+            flow_bias_walk: self.flow_bias_walk_radps,
             flow_scale_walk: self.flow_scale_walk,
             gate_sigma: self.gate_sigma,
         }

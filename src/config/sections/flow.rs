@@ -59,7 +59,7 @@ section! {
         /// Misalignment and heading error together before it is compared with GNSS, 1 sigma.
         misalignment_sigma_deg: f64 = 5.0 in 0.01 ..= 90.0 was "flow.misalignment_sigma_deg";
         /// How fast the bias may change.
-        bias_walk: f64 = 0.00002 in 0.0 ..= 0.1 unit "rad/s/√s" was "flow.bias_walk";
+        bias_walk_radps: f64 = 0.00002 in 0.0 ..= 0.1 unit "rad/s/√s" was "flow.bias_walk", "tuning.flow.bias_walk";
         /// How fast scale and misalignment may change.
         scale_walk: f64 = 0.0003 in 0.0 ..= 1.0 unit "1/√s" was "flow.scale_walk";
         /// A larger scale error is no working sensor.
@@ -95,7 +95,7 @@ impl FlowKeys {
                 bias_sigma_radps: tuning.bias_sigma_radps,
                 scale_sigma: tuning.scale_sigma,
                 misalignment_sigma_rad: tuning.misalignment_sigma_deg.to_radians(),
-                bias_walk: tuning.bias_walk,
+                bias_walk: tuning.bias_walk_radps,
                 scale_walk: tuning.scale_walk,
                 max_scale_error: tuning.max_scale_error,
                 max_bias_radps: tuning.max_bias_radps,

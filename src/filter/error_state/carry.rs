@@ -89,30 +89,10 @@ impl Eskf {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{EskfSettings, EskfState, StartSigma};
+    use super::super::tests::silent;
+    use super::super::{EskfState, StartSigma};
     use super::*;
     use nalgebra::{SMatrix, SymmetricEigen};
-
-    const STILL: EskfSettings = EskfSettings {
-        gyro_noise: 0.0,
-        accel_noise: 0.0,
-        gyro_rate_noise: 0.0,
-        accel_load_noise: 0.0,
-        gyro_bias_walk: 0.0,
-        accel_bias_walk: 0.0,
-        gyro_scale_sigma: 0.0,
-        magnetic_bias_walk: 0.0,
-        magnetic_bias_sigma: 0.0,
-        flow_bias_walk: 0.0,
-        flow_scale_walk: 0.0,
-        air: super::super::AirModel {
-            wind_sigma: 0.0,
-            wind_walk: 0.0,
-            airspeed_scale_sigma: 0.0,
-            drag_sigma: 0.0,
-        },
-        gate_sigma: 5.0,
-    };
 
     fn filter() -> Eskf {
         let r = exp(&Vector3::new(0.1, -0.2, 1.0));
@@ -125,7 +105,7 @@ mod tests {
             accel_bias: Vector3::zeros(),
             flow: SMatrix::zeros(),
         };
-        Eskf::new(STILL, state, &sigma)
+        Eskf::new(silent(), state, &sigma)
     }
 
     #[test]

@@ -6,7 +6,8 @@ use super::*;
 use crate::geo::so3::log;
 use nalgebra::{Matrix2, Matrix4};
 
-fn silent() -> EskfSettings {
+/// An IMU without noise, and nothing else to be estimated.
+pub(super) fn silent() -> EskfSettings {
     EskfSettings {
         gyro_noise: 0.0,
         accel_noise: 0.0,

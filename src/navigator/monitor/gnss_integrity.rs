@@ -191,6 +191,11 @@ impl GnssIntegrity {
         !self.ever_good
     }
 
+    /// Whether fixes are good at present, but not yet for long enough.
+    pub fn settles(&self) -> bool {
+        !self.trusted() && self.good_since.is_some()
+    }
+
     /// Whether GNSS is trusted.
     pub fn trusted(&self) -> bool {
         self.state == GnssState::Trusted
