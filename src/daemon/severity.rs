@@ -15,6 +15,7 @@ pub(super) fn severity_of(kind: &EventKind) -> Severity {
         | EventKind::Reset(_)
         | EventKind::WalkedBack(_)
         | EventKind::FlowDistrusted(..)
+        | EventKind::Accused(..)
         | EventKind::HeadingTurned(_)
         | EventKind::HeightFault { .. }
         | EventKind::InertialHeight(_)

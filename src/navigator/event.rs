@@ -6,8 +6,10 @@ use crate::altimeter::{Channel, Fault};
 use crate::camera::calibration::Distrust;
 use crate::time::AutopilotTime;
 
+use super::judge::Charge;
 use super::monitor::GnssFault;
 use super::solution::{Mode, VelocitySource};
+use super::sources::status::SourceId;
 
 /// Something happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +46,10 @@ pub enum EventKind {
     FlowTrusted(u8),
     /// A flow sensor is not trusted any more.
     FlowDistrusted(u8, Distrust),
+    /// A source is wrong.
+    Accused(SourceId, Charge),
+    /// Nothing is held against a source any more.
+    Acquitted(SourceId),
     /// A source of heights is faulty; what is wrong, and for how long it has been, s.
     HeightFault {
         /// Which.
@@ -191,6 +197,8 @@ impl EventKind {
             EventKind::Receiver(_) => "gnss-receiver",
             EventKind::FlowTrusted(_) => "flow-trusted",
             EventKind::FlowDistrusted(..) => "flow-distrusted",
+            EventKind::Accused(..) => "source-accused",
+            EventKind::Acquitted(_) => "source-acquitted",
             EventKind::HeightFault { .. } => "height-fault",
             EventKind::HeightHealed(_) => "height-healed",
             EventKind::InertialHeight(_) => "height-inertial",
@@ -262,6 +270,8 @@ impl EventKind {
         match self {
             EventKind::FlowTrusted(n) => write!(f, "flow {n} trusted"),
             EventKind::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
+            EventKind::Accused(source, charge) => write!(f, "{source} {}", charge.label()),
+            EventKind::Acquitted(source) => write!(f, "{source} believed again"),
             EventKind::HeightFault { channel, fault: fault @ Fault::Drift { .. }, .. } => {
                 write!(f, "{} {fault}", channel.label())
             }

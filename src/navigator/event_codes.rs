@@ -54,6 +54,12 @@ pub const EVENTS: &[EventCode] = &[
         "Check its mounting, orientation, focus and height over ground.",
     ),
     event(
+        "source-accused",
+        "A source was found to be wrong, with what is held against it; it is not used, or with caution.",
+        "Look at the sensor after the flight. In an outage: what is left carries, and sigma says how well.",
+    ),
+    event("source-acquitted", "Nothing is held against a source any more.", "Nothing."),
+    event(
         "height-fault",
         "A source of heights is off, drifting or noisy, by so much and for so long.",
         "Nothing in flight: it is not used, or corrected. Look at the sensor after the flight.",
@@ -134,7 +140,9 @@ pub const EVENTS: &[EventCode] = &[
 #[cfg(test)]
 mod tests {
     use super::super::event::{EventKind, TransitionReason, Waits};
+    use super::super::judge::Charge;
     use super::super::solution::{Mode, VelocitySource};
+    use super::super::sources::status::{SourceId, SourceKind};
     use super::*;
     use crate::altimeter::{Channel, Fault};
     use crate::camera::Distrust;
@@ -152,6 +160,8 @@ mod tests {
             EventKind::Receiver(1),
             EventKind::FlowTrusted(1),
             EventKind::FlowDistrusted(1, Distrust::Scale),
+            EventKind::Accused(SourceId::only(SourceKind::Flow), Charge::Stuck),
+            EventKind::Acquitted(SourceId::only(SourceKind::Flow)),
             EventKind::HeightFault { channel: Channel::Baro, fault, for_s: 1.0 },
             EventKind::HeightHealed(Channel::Baro),
             EventKind::InertialHeight(1.0),

@@ -27,6 +27,7 @@ pub mod event;
 pub mod event_codes;
 mod heading_turn;
 mod height;
+pub mod judge;
 mod landmark_fix;
 pub mod memory;
 pub mod monitor;
@@ -96,7 +97,9 @@ impl Navigator {
             Sample::Airspeed(s) => self.airspeed(s),
             Sample::Landmark(s) => self.landmark(s),
         };
-        self.core.statuses.heard(SourceId::of(sample), sample.time(), verdict);
+        let source = SourceId::of(sample);
+        self.core.statuses.heard(source, sample.time(), verdict);
+        judge::repeats(&mut self.core, sample.time(), source, verdict);
         verdict
     }
 

@@ -95,7 +95,8 @@ impl SourceSet {
         }
     }
 
-    /// Whether a source can be believed at present: by what it knows of itself, and by what the altimeter and the GNSS monitor found.
+    /// Whether a source can be believed at present: by what it knows of itself, by what the altimeter and the GNSS monitor found, and by what
+    /// is held against it.
     pub(super) fn health(&self, status: &SourceStatus, context: &Context<'_>) -> SourceHealth {
         let core = context.core;
         let silent = core
@@ -110,7 +111,7 @@ impl SourceSet {
             if core.height.health(channel).is_faulty() { SourceHealth::Faulty } else { SourceHealth::Healthy }
         };
         let id = status.source.id;
-        match status.source.kind {
+        let found = match status.source.kind {
             SourceKind::Gnss if id == self.gnss.receiver() => match core.integrity.state() {
                 GnssState::Trusted => by_altimeter(Channel::Gnss),
                 GnssState::Untrusted(_) => SourceHealth::Suspect,
@@ -129,7 +130,8 @@ impl SourceSet {
                 self.landmarks.as_ref().map_or(SourceHealth::Suspect, landmarks::LandmarkSource::health)
             }
             _ => status.fit(),
-        }
+        };
+        found.worse(status.charged_health())
     }
 
     pub(super) fn reset(&mut self, reset: &Reset) {

@@ -3,6 +3,7 @@
 //! One record a source. Silence is a bug, so all of it is counted, and whoever runs the navigator can see it at any time.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use strum::VariantArray;
 
 use serde::Serialize;
@@ -10,6 +11,7 @@ use serde::Serialize;
 use crate::sample::{Sample, SampleKind};
 use crate::time::AutopilotTime;
 
+use super::super::judge::Charge;
 use super::super::observation::{FitScore, Fused};
 use super::super::verdict::{Reason, Verdict};
 use crate::navigator::tuning::status::{GATE_SIGMA, LARGEST_RATIO, RATIO_SCALARS};
@@ -83,6 +85,12 @@ pub struct SourceId {
     pub kind: SourceKind,
     /// Which of its kind, as the autopilot numbers them.
     pub id: u8,
+}
+
+impl fmt::Display for SourceId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.kind.label(), self.id)
+    }
 }
 
 impl SourceId {
@@ -242,6 +250,8 @@ pub struct SourceStatus {
     quantities: [NisCount; 2],
     /// Innovation over the gate's sigma of late, see [`Self::test_ratio`].
     ratio: f64,
+    /// What is held against it, see [`super::super::judge`].
+    charge: Option<Charge>,
 }
 
 impl SourceStatus {
@@ -254,6 +264,7 @@ impl SourceStatus {
             rejected: BTreeMap::new(),
             quantities: [NisCount::default(); 2],
             ratio: 0.0,
+            charge: None,
         }
     }
 
@@ -274,6 +285,16 @@ impl SourceStatus {
     pub fn test_ratio(&self) -> Option<f64> {
         let n = self.nis();
         (n.fused + n.gated > 0).then(|| self.ratio.sqrt())
+    }
+
+    /// What is held against it.
+    pub fn charge(&self) -> Option<Charge> {
+        self.charge
+    }
+
+    /// By what is held against it alone.
+    pub(super) fn charged_health(&self) -> SourceHealth {
+        self.charge.map_or(SourceHealth::Healthy, Charge::health)
     }
 
     /// By how it fitted of late alone.
@@ -334,6 +355,9 @@ pub struct SourceReport {
     pub test_ratio: Option<f64>,
     /// Whether it can be believed.
     pub health: SourceHealth,
+    /// What is held against it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub charge: Option<Charge>,
 }
 
 impl SourceReport {
@@ -353,6 +377,7 @@ impl SourceReport {
             nis_mean: nis.mean(),
             test_ratio: status.test_ratio(),
             health,
+            charge: status.charge(),
         }
     }
 }
@@ -404,6 +429,16 @@ impl StatusBoard {
             let id = if kind == source.kind { source } else { SourceId::only(kind) };
             self.of(id).score(quantity, now, score);
         }
+    }
+
+    /// What is held against a source is now `charge`; what was before.
+    pub(in super::super) fn charged(&mut self, source: SourceId, charge: Option<Charge>) -> Option<Charge> {
+        std::mem::replace(&mut self.of(source).charge, charge)
+    }
+
+    /// What is held against a source: everything that builds on it asks first.
+    pub fn charge(&self, source: SourceId) -> Option<Charge> {
+        self.0.iter().find(|s| s.source == source).and_then(SourceStatus::charge)
     }
 
     /// When a source of this kind was heard last.
