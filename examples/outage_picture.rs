@@ -79,6 +79,7 @@ fn fly(args: &Args) -> Result<Vec<Point>> {
         &log,
         &settings.pipeline,
         &args.outage,
+        &[],
         |_| (),
         |runner, item, _| {
             if let Input::Reference(Reference::Truth(truth)) = item

@@ -53,6 +53,7 @@ pub mod cli;
 pub mod config;
 mod daemon;
 pub mod double;
+pub mod fault;
 pub mod filter;
 pub mod geo;
 pub mod landmark;

@@ -9,10 +9,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::altimeter::Health;
+use crate::fault::Fault;
 use crate::geo::so3::Euler;
 use crate::metrics::AidedReport;
 use crate::metrics::outage::OutageReport;
 use crate::navigator::Navigator;
+use crate::navigator::event::Event;
 use crate::navigator::settings::Estimator;
 use crate::navigator::solution::Solution;
 use crate::navigator::sources::status::{Measured, SourceReport};
@@ -35,6 +37,9 @@ pub struct ReplayArgs {
     /// Withhold GNSS from A to B, seconds since the first sample, as in 600..1200; may be given several times
     #[arg(long, value_name = "A..B", value_parser = parse_interval)]
     pub outage: Vec<(f64, f64)>,
+    /// Put a fault into the flight: SENSOR[ID][.AXIS]:KIND[=VALUE]@A..B, as in flow:zero@100..160; may be given several times
+    #[arg(long, value_name = "FAULT")]
+    pub fault: Vec<Fault>,
     /// What navigates: shipped, nlo, nlo_printed, xkf, ekf15 or inertial
     #[arg(long)]
     pub estimator: Option<String>,
@@ -79,16 +84,31 @@ pub struct ReplayReport {
     pub estimator: &'static str,
     /// Errors with GNSS.
     pub aided: AidedReport,
+    /// Faults that were put in.
+    pub faults: Vec<String>,
     /// Outages.
     pub outages: Vec<OutageReport>,
     /// Modes.
     pub modes: Vec<ModeChange>,
+    /// What was told.
+    pub events: Vec<ToldEvent>,
     /// What was put right in the vehicle's messages, or left out because it was told before.
     pub repairs: Vec<RepairCount>,
     /// What became of every source, at the end.
     pub sources: Vec<SourceReport>,
     /// Log time over computing time, reading included.
     pub realtime_factor: f64,
+}
+
+/// An event.
+#[derive(Debug, Serialize)]
+pub struct ToldEvent {
+    /// Seconds since the first sample.
+    pub t_s: f64,
+    /// A word that stays the same.
+    pub code: &'static str,
+    /// The sentence with its values.
+    pub text: String,
 }
 
 /// How often something was put right.
@@ -120,6 +140,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         &log,
         &settings.pipeline,
         &args.outage,
+        &args.fault,
         |position| bar.set_position(position),
         |runner, item, _| {
             if let Some(csv) = &mut csv {
@@ -145,8 +166,10 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         reference: outcome.reference,
         estimator: settings.pipeline.navigator.estimator.label(),
         aided: outcome.aided,
+        faults: args.fault.iter().map(Fault::to_string).collect(),
         outages: outcome.outages.clone(),
         modes: outcome.modes.clone(),
+        events: outcome.events.iter().map(|(t, event)| told(*t, event)).collect(),
         repairs: summary.repairs.seen().map(repair_count).collect(),
         sources: runner.pipeline.navigator.source_reports(),
         realtime_factor: outcome.duration_s / computing_s,
@@ -158,6 +181,10 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         print_report(&report, &log, &runner, &summary, &outcome, settings.pipeline.navigator.estimator);
     }
     Ok(())
+}
+
+fn told(t_s: f64, event: &Event) -> ToldEvent {
+    ToldEvent { t_s, code: event.kind.code(), text: event.kind.to_string() }
 }
 
 fn repair_count((repair, count): (Repair, u64)) -> RepairCount {
@@ -190,6 +217,9 @@ fn print_report(
     );
     for remark in summary.remarks() {
         outln!("  {remark}");
+    }
+    for fault in &r.faults {
+        outln!("  fault put in: {fault}");
     }
     print_sources(&r.sources, &outcome.heard);
 
@@ -292,7 +322,8 @@ fn print_sources(sources: &[SourceReport], heard: &[u64; SampleKind::ALL.len()])
             s.gated.to_string(),
             number(s.nis_mean, 2),
             number(s.test_ratio, 2),
-            s.health.label().into(),
+            s.charge
+                .map_or_else(|| s.health.label().into(), |c| format!("{}: {}", s.health.label(), c.label())),
             why.join(", "),
         ]);
     }

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use crate::fault::{Fault, Injector};
 use crate::metrics::outage::{OutageReport, OutageScore};
 use crate::metrics::{AidedErrors, AidedReport, ErrorSample, ReferenceState};
 use crate::navigator::event::{Event, EventKind};
@@ -48,6 +49,7 @@ pub struct Runner {
     /// What is run.
     pub pipeline: Pipeline,
     mask: GnssMask,
+    faults: Injector,
     end: Option<AutopilotTime>,
     truth: Score,
     gnss: Score,
@@ -88,6 +90,7 @@ impl Runner {
         Self {
             pipeline: Pipeline::new(settings),
             mask,
+            faults: Injector::default(),
             end: None,
             truth: score.clone(),
             gnss: score,
@@ -120,6 +123,11 @@ impl Runner {
         self.mask.add(start_s, end_s);
         self.truth.outages.push(outage.clone());
         self.gnss.outages.push(outage);
+    }
+
+    /// What is heard from now on is altered by these, and by nothing else; their noise is drawn from `seed`.
+    pub fn set_faults(&mut self, faults: Vec<Fault>, seed: u64) {
+        self.faults = Injector::new(faults, seed);
     }
 
     /// Forgets everything but the state of the navigation, so that a copy costs little.
@@ -158,8 +166,9 @@ impl Runner {
             self.pipeline.navigator.mask_gnss(time);
             return &self.sent;
         }
+        let Some(heard) = self.faults.alter(t, item) else { return &self.sent };
         let mut sent = std::mem::take(&mut self.sent);
-        if let Some(solution) = self.pipeline.take(clock, item, &mut sent) {
+        if let Some(solution) = self.pipeline.take(clock, &heard, &mut sent) {
             self.solution = Some(solution);
         }
         self.sent = sent;
@@ -251,7 +260,10 @@ impl Score {
     }
 }
 
-/// Plays a whole log.
+/// What a replay's faults draw their noise from.
+const FAULT_SEED: u64 = 1;
+
+/// Plays a whole log, with faults put in.
 ///
 /// # Errors
 /// What reading it says.
@@ -259,10 +271,12 @@ pub fn run(
     log: &Log,
     settings: &PipelineSettings,
     outages: &[(f64, f64)],
+    faults: &[Fault],
     mut progress: impl FnMut(u64),
     mut watch: impl FnMut(&Runner, &Input, &[OutboundMessage]),
 ) -> Result<(Runner, LogSummary), LogError> {
     let mut runner = Runner::new(settings, outages);
+    runner.set_faults(faults.to_vec(), FAULT_SEED);
     runner.pipeline.follow(log.vehicle());
     let summary = log.play(
         |_, position| progress(position),
