@@ -19,6 +19,7 @@
 //!     vertical_accuracy_m: None,
 //!     speed_accuracy_mps: None,
 //!     satellites: Some(14),
+//!     warning: None,
 //! };
 //! assert!(fix.is_possible());
 //! assert!(!GnssSample { horizontal_accuracy_m: Some(f64::NAN), ..fix }.is_possible());
@@ -163,6 +164,19 @@ pub struct GnssSample {
     pub speed_accuracy_mps: Option<f64>,
     /// Satellites used, if told.
     pub satellites: Option<u8>,
+    /// What the receiver itself says against its signals.
+    pub warning: Option<GnssWarning>,
+}
+
+/// What a receiver finds wrong with its own signals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GnssWarning {
+    /// They are spoofed.
+    Spoofed,
+    /// They are jammed.
+    Jammed,
+    /// They contradict each other (receiver autonomous integrity monitoring).
+    Inconsistent,
 }
 
 impl GnssSample {

@@ -308,6 +308,7 @@ pub(super) fn gnss_sample(time: AutopilotTime, g: &GnssReading, frame: &LocalNed
         vertical_accuracy_m: vertical,
         speed_accuracy_mps: speed,
         satellites: Some(if g.has_fix { SATELLITES } else { 0 }),
+        warning: None,
     }
 }
 

@@ -486,6 +486,7 @@ mod tests {
             vertical_accuracy_m: None,
             speed_accuracy_mps: None,
             satellites: None,
+            warning: None,
         };
         let all = messages(&[Sample::Gnss(gnss)]);
         let [MavMessage::GPS_RAW_INT(m)] = &all[..] else { panic!("{all:?}") };

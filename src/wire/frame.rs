@@ -9,6 +9,7 @@ use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message};
 
 use super::counters::Cause;
+use super::gnss_integrity;
 
 /// A MAVLink system id (a vehicle or a ground station).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -190,18 +191,16 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Whether the message is in the dialect.
+    /// Whether the message is in the dialect, or one that is read without it.
     pub fn known(&self) -> bool {
-        MavMessage::extra_crc(self.message_id()) != 0
-            || !matches!(self.parse(), Err(ParserError::UnknownMessage { .. }))
+        extra_crc(self.message_id()) != 0 || !matches!(self.parse(), Err(ParserError::UnknownMessage { .. }))
     }
 
     /// Whether the checksum is right, taking the dialect's `CRC_EXTRA`. Always false for an unknown message.
     pub fn checksum_fits(&self) -> bool {
         let end = self.header_len() + usize::from(self.bytes[1]);
         let sent = u16::from_le_bytes([self.bytes[end], self.bytes[end + 1]]);
-        mavlink::calculate_crc(&self.bytes[1..end], MavMessage::extra_crc(self.message_id())) == sent
-            && self.known()
+        mavlink::calculate_crc(&self.bytes[1..end], extra_crc(self.message_id())) == sent && self.known()
     }
 
     /// The typed message.
@@ -211,6 +210,11 @@ impl<'a> Frame<'a> {
     pub fn parse(&self) -> Result<MavMessage, ParserError> {
         MavMessage::parse(self.version, self.message_id(), self.payload())
     }
+}
+
+/// `CRC_EXTRA` of a message; 0 where none is known.
+fn extra_crc(id: u32) -> u8 {
+    if id == gnss_integrity::ID { gnss_integrity::CRC_EXTRA } else { MavMessage::extra_crc(id) }
 }
 
 /// The [`Cause`] under which a failed [`Frame::parse`] is counted.

@@ -1,9 +1,10 @@
 //! The messages that Holdover knows: what each is decoded into, which are asked for and how often, which are sent. Their ids are the
-//! dialect's own constants; no other place names a message by its number.
+//! dialect's own constants; no other place names a message by its number, but for the one that the dialect has not.
 
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega as apm;
 
+use super::gnss_integrity;
 use super::session::identity::AutopilotKind;
 
 /// A MAVLink message, as the other rooms carry it from one part of this one to another.
@@ -111,6 +112,14 @@ pub const TABLE: &[MessageUse] = &[
     MessageUse::heard::<apm::SCALED_IMU3_DATA>(Meaning::Inertial),
     MessageUse::heard::<apm::GPS_RAW_INT_DATA>(Meaning::Gnss).and_asked(Rate::Gnss),
     MessageUse::heard::<apm::GPS2_RAW_DATA>(Meaning::Gnss).and_asked(Rate::Gnss),
+    MessageUse {
+        id: gnss_integrity::ID,
+        name: gnss_integrity::NAME,
+        heard: Some(Meaning::Gnss),
+        asked: Some(Rate::Slow),
+        only: None,
+        sent: false,
+    },
     MessageUse::heard::<apm::SCALED_PRESSURE_DATA>(Meaning::Pressure).and_asked(Rate::Pressure),
     MessageUse::heard::<apm::SCALED_PRESSURE2_DATA>(Meaning::Pressure),
     MessageUse::heard::<apm::SCALED_PRESSURE3_DATA>(Meaning::Pressure),
@@ -187,6 +196,9 @@ pub fn from_any_component(id: u32) -> bool {
 /// The dialect's name of a message, used here or not; `None` for one that it does not know.
 pub fn name_of(id: u32) -> Option<&'static str> {
     use mavlink::Message as _;
+    if id == gnss_integrity::ID {
+        return Some(gnss_integrity::NAME);
+    }
     Message::default_message_from_id(id).map(|m| m.message_name())
 }
 

@@ -10,6 +10,7 @@ pub mod encode_vehicle;
 pub mod endpoint;
 pub mod frame;
 pub mod frame_bytes;
+pub mod gnss_integrity;
 pub mod link;
 pub mod messages;
 pub mod session;

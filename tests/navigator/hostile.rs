@@ -216,6 +216,7 @@ fn gnss() -> impl Strategy<Value = Sample> {
                 vertical_accuracy_m: accuracy,
                 speed_accuracy_mps: accuracy,
                 satellites,
+                warning: None,
             })
         },
     )

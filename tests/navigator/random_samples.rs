@@ -74,6 +74,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
             vertical_accuracy_m: v,
             speed_accuracy_mps: s,
             satellites,
+            warning: None,
         })
     });
     let rotation = prop_oneof![

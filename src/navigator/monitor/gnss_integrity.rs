@@ -562,6 +562,7 @@ mod tests {
             vertical_accuracy_m: None,
             speed_accuracy_mps: None,
             satellites: None,
+            warning: None,
         };
         assert_eq!(t.admit(&fix), Ok(()));
         fix.satellites = Some(3);

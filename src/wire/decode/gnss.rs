@@ -3,8 +3,9 @@
 use mavlink::dialects::ardupilotmega as apm;
 
 use crate::geo::Geodetic;
-use crate::sample::{GnssFix, GnssSample, GroundVelocity, Input, Sample};
+use crate::sample::{GnssFix, GnssSample, GnssWarning, GroundVelocity, Input, Sample};
 use crate::time::{AutopilotTime, Span};
+use crate::wire::gnss_integrity;
 
 use super::{Cause, Decoder, Out, Repair};
 
@@ -50,13 +51,18 @@ const CONSTANT: Span = Span::from_millis(1500);
 /// Fixes without stamps that tell the same are one for so long.
 const SAME_FIX: Span = Span::from_millis(200);
 
-/// What the stamps of one receiver are worth.
+/// A warning that is not repeated is over after this: a receiver that says nothing more has not taken it back.
+const WARNS_FOR: Span = Span::from_millis(30_000);
+
+/// What the stamps of one receiver are worth, and what it warns of.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Receiver {
     /// The fix before, and when it was taken.
     last: Option<(RawFix, AutopilotTime)>,
     /// Since when the stamp has been what it is.
     stamp_since: Option<AutopilotTime>,
+    /// What it warns of, and when it said so last.
+    warning: Option<(GnssWarning, AutopilotTime)>,
 }
 
 impl Decoder {
@@ -68,6 +74,22 @@ impl Decoder {
     pub(super) fn gps2_raw(&mut self, m: &apm::GPS2_RAW_DATA, out: Out<'_>) -> Result<(), Cause> {
         let raw = raw!(m);
         self.receiver(1, &raw, out)
+    }
+
+    /// GNSS_INTEGRITY: said with the receiver's next fix.
+    pub(super) fn gnss_integrity(&mut self, payload: &[u8]) -> Result<(), Cause> {
+        let (receiver, warning) = gnss_integrity::read(payload).ok_or(Cause::BadPayload)?;
+        let now = self.now()?;
+        if let Some(state) = self.receivers.get_mut(usize::from(receiver)) {
+            state.warning = warning.map(|w| (w, now));
+        }
+        Ok(())
+    }
+
+    /// What a receiver warns of at present.
+    fn warning(&self, receiver: u8, time: AutopilotTime) -> Option<GnssWarning> {
+        let (warning, said) = self.receivers.get(usize::from(receiver))?.warning?;
+        (time - said < WARNS_FOR).then_some(warning)
     }
 
     fn receiver(&mut self, receiver: u8, raw: &RawFix, out: Out<'_>) -> Result<(), Cause> {
@@ -91,6 +113,7 @@ impl Decoder {
             vertical_accuracy_m: accuracy(raw.acc_mm[1]),
             speed_accuracy_mps: accuracy(raw.acc_mm[2]),
             satellites: (raw.satellites != u8::MAX).then_some(raw.satellites),
+            warning: self.warning(receiver, time),
         };
         out.push(Input::Sample(Sample::Gnss(sample)));
         Ok(())

@@ -25,6 +25,7 @@ use crate::time::{AutopilotTime, Span};
 use super::clock::AutopilotClock;
 use super::counters::{Cause, Counters};
 use super::frame::{ComponentId, Frame, SystemId, cause_of};
+use super::gnss_integrity;
 use super::messages::{from_any_component, is_input};
 use super::session::identity::{AutopilotKind, Vehicle};
 
@@ -150,6 +151,7 @@ impl Decoder {
             return;
         }
         let result = match frame.parse() {
+            _ if frame.message_id() == gnss_integrity::ID => self.gnss_integrity(frame.payload()),
             Ok(message) if from_any_component(frame.message_id()) => {
                 self.any_component(&message, frame.component(), out)
             }
