@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::altimeter::Health;
-use crate::fault::Fault;
+use crate::fault::InjectedFault;
 use crate::geo::so3::Euler;
 use crate::metrics::AidedReport;
 use crate::metrics::outage::OutageReport;
@@ -39,7 +39,7 @@ pub struct ReplayArgs {
     pub outage: Vec<(f64, f64)>,
     /// Put a fault into the flight: SENSOR[ID][.AXIS]:KIND[=VALUE]@A..B, as in flow:zero@100..160; may be given several times
     #[arg(long, value_name = "FAULT")]
-    pub fault: Vec<Fault>,
+    pub fault: Vec<InjectedFault>,
     /// What navigates: shipped, nlo, nlo_printed, xkf, ekf15 or inertial
     #[arg(long)]
     pub estimator: Option<String>,
@@ -166,7 +166,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         reference: outcome.reference,
         estimator: settings.pipeline.navigator.estimator.label(),
         aided: outcome.aided,
-        faults: args.fault.iter().map(Fault::to_string).collect(),
+        faults: args.fault.iter().map(InjectedFault::to_string).collect(),
         outages: outcome.outages.clone(),
         modes: outcome.modes.clone(),
         events: outcome.events.iter().map(|(t, event)| told(*t, event)).collect(),

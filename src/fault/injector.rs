@@ -12,7 +12,7 @@ use crate::sample::{Input, Sample};
 use crate::time::Span;
 
 use super::target::Sensor;
-use super::{Fault, FaultKind, alter, gnss};
+use super::{FaultKind, InjectedFault, alter, gnss};
 
 /// Width of a gust and time from one to the next, s.
 const GUST_S: [f64; 2] = [2.0, 10.0];
@@ -22,7 +22,7 @@ const HELD: usize = 4096;
 /// A fault with what it has to remember.
 #[derive(Clone, Debug)]
 struct Running {
-    fault: Fault,
+    fault: InjectedFault,
     chance: ChaCha8Rng,
     /// The newest sample of each sensor before the fault, or its first.
     held: Vec<Sample>,
@@ -46,7 +46,7 @@ pub struct Injector {
 
 impl Injector {
     /// Faults whose noise is drawn from `seed`.
-    pub fn new(faults: Vec<Fault>, seed: u64) -> Self {
+    pub fn new(faults: Vec<InjectedFault>, seed: u64) -> Self {
         let running = faults.into_iter().enumerate().map(|(i, fault)| {
             let mut chance = ChaCha8Rng::seed_from_u64(seed);
             chance.set_stream(i as u64);
@@ -87,7 +87,7 @@ impl Running {
     }
 
     fn told(&mut self, since_s: f64, mut sample: Sample) -> Option<Sample> {
-        let Fault { target, kind, .. } = self.fault;
+        let InjectedFault { target, kind, .. } = self.fault;
         if let Sample::Gnss(fix) = &mut sample
             && target.sensor == Sensor::Gnss
             && !matches!(kind, FaultKind::Drop(_))
@@ -95,31 +95,17 @@ impl Running {
             *fix = gnss::altered(fix, &kind, since_s, || StandardNormal.sample(&mut self.chance));
             return Some(sample);
         }
-        let chance = &mut self.chance;
         match kind {
-            FaultKind::Drop(part) => return (chance.random::<f64>() >= part).then_some(sample),
-            FaultKind::StuckAt(v) => alter::numbers(&target, &mut sample, &mut |_, _| v),
-            FaultKind::Bias(v) => alter::numbers(&target, &mut sample, &mut |_, x| x + v),
-            FaultKind::Ramp(v) => alter::numbers(&target, &mut sample, &mut |_, x| x + v * since_s),
-            FaultKind::Scale(v) => alter::numbers(&target, &mut sample, &mut |_, x| x * v),
-            FaultKind::Noise(sigma) => alter::numbers(&target, &mut sample, &mut |_, x| {
-                let n: f64 = StandardNormal.sample(chance);
-                x + sigma * n
-            }),
-            FaultKind::Gust(v) => {
-                let [width_s, every_s] = GUST_S;
-                let t = since_s % every_s;
-                let pulse = if t < width_s { (PI * t / width_s).sin() } else { 0.0 };
-                alter::numbers(&target, &mut sample, &mut |_, x| x + v * pulse);
-            }
-            FaultKind::Flip => alter::numbers(&target, &mut sample, &mut |_, x| -x),
-            FaultKind::NotANumber => alter::numbers(&target, &mut sample, &mut |_, _| f64::NAN),
+            FaultKind::Drop(part) => return (self.chance.random::<f64>() >= part).then_some(sample),
             FaultKind::Swap => alter::whole(&target, &mut sample, |v| Vector3::new(v.y, v.x, v.z)),
             FaultKind::Turn(by) => {
                 let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), by);
                 alter::whole(&target, &mut sample, |v| turn * v);
             }
-            _ => {}
+            _ => {
+                let chance = &mut self.chance;
+                alter::numbers(&target, &mut sample, &mut |_, x| number(&kind, since_s, x, chance));
+            }
         }
         Some(sample)
     }
@@ -162,6 +148,28 @@ impl Running {
         } else {
             Some(sample)
         }
+    }
+}
+
+/// What becomes of one number.
+fn number(kind: &FaultKind, since_s: f64, x: f64, chance: &mut ChaCha8Rng) -> f64 {
+    match *kind {
+        FaultKind::StuckAt(v) => v,
+        FaultKind::Bias(v) => x + v,
+        FaultKind::Ramp(v) => x + v * since_s,
+        FaultKind::Scale(v) => x * v,
+        FaultKind::Noise(sigma) => {
+            let n: f64 = StandardNormal.sample(chance);
+            x + sigma * n
+        }
+        FaultKind::Gust(v) => {
+            let [width_s, every_s] = GUST_S;
+            let t = since_s % every_s;
+            x + if t < width_s { v * (PI * t / width_s).sin() } else { 0.0 }
+        }
+        FaultKind::Flip => -x,
+        FaultKind::NotANumber => f64::NAN,
+        _ => x,
     }
 }
 

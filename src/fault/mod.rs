@@ -1,15 +1,15 @@
 //! Faults put into a flight: what a sensor that is stuck, biased, late or lied to would have told instead.
 //!
-//! A [`Fault`] says which sensor tells what from when to when, as `flow:zero@100..160` ([`text`]); an [`Injector`] alters the samples of a
+//! An [`InjectedFault`] says which sensor tells what from when to when, as `flow:zero@100..160` ([`text`]); an [`Injector`] alters the samples of a
 //! log or of a simulated flight on their way to the navigator, which knows nothing of it. References are never altered: errors are
 //! judged by what was really so. The same faults with the same seed give the same samples.
 //!
 //! ```
-//! use holdover::fault::{Fault, Injector};
+//! use holdover::fault::{InjectedFault, Injector};
 //! use holdover::sample::{Input, RangeDirection, RangeSample, Sample};
 //! use holdover::time::AutopilotTime;
 //!
-//! let fault: Fault = "range:stuck=0.7@10..20".parse()?;
+//! let fault: InjectedFault = "range:stuck=0.7@10..20".parse()?;
 //! let mut injector = Injector::new(vec![fault], 1);
 //! let told = |s: f64, distance_m| Input::Sample(Sample::Range(RangeSample {
 //!     time: AutopilotTime::from_micros((s * 1e6) as i64), sensor: 0, direction: RangeDirection::Down, distance_m, limits_m: None,
@@ -31,7 +31,7 @@ pub use text::FaultError;
 
 /// What a sensor tells instead of what it should, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fault {
+pub struct InjectedFault {
     /// Which sensor, and which of its axes.
     pub target: Target,
     /// What.
@@ -43,9 +43,11 @@ pub struct Fault {
 }
 
 /// Kinds of faults. Values are in the target's unit, see [`Target::unit`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, strum::IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
 pub enum FaultKind {
     /// Always this value.
+    #[strum(serialize = "stuck")]
     StuckAt(f64),
     /// Always what it told last; stamps go on.
     Freeze,
@@ -66,6 +68,7 @@ pub enum FaultKind {
     /// The sign is wrong.
     Flip,
     /// No number.
+    #[strum(serialize = "nan")]
     NotANumber,
     /// x and y exchanged.
     Swap,
@@ -83,4 +86,11 @@ pub enum FaultKind {
     Flap(f64),
     /// The height is off, m.
     Height(f64),
+}
+
+impl FaultKind {
+    /// Its name in a fault's text.
+    pub fn name(&self) -> &'static str {
+        self.into()
+    }
 }

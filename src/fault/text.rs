@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::target::{Sensor, Target};
-use super::{Fault, FaultKind};
+use super::{FaultKind, InjectedFault};
 
 /// What is wrong with a fault's text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -37,20 +37,51 @@ fn sensors() -> String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Takes {
     Nothing,
+    /// In the target's unit.
     Value,
+    /// In a unit of its own.
+    Number,
+    /// The same with a course.
     Course,
-    Either,
 }
 
-/// A kind's name, and what of it the sensor may have.
+/// A kind's name, which sensors may have it, the value without which it is, what its values may be, and the kind itself.
 struct Named {
     name: &'static str,
-    takes: Takes,
     of: fn(Sensor) -> bool,
+    takes: Takes,
+    by_default: Option<f64>,
+    bounds: [f64; 2],
+    /// Of its value in SI units, and its course, rad.
+    make: fn(f64, f64) -> FaultKind,
 }
 
-const fn named(name: &'static str, takes: Takes, of: fn(Sensor) -> bool) -> Named {
-    Named { name, takes, of }
+const ANY: [f64; 2] = [f64::MIN, f64::MAX];
+const POSITIVE: [f64; 2] = [1e-3, f64::MAX];
+
+const fn plain(name: &'static str, of: fn(Sensor) -> bool, make: fn(f64, f64) -> FaultKind) -> Named {
+    Named { name, of, takes: Takes::Nothing, by_default: None, bounds: ANY, make }
+}
+
+const fn valued(
+    name: &'static str,
+    of: fn(Sensor) -> bool,
+    takes: Takes,
+    make: fn(f64, f64) -> FaultKind,
+) -> Named {
+    Named { name, of, takes, by_default: None, bounds: ANY, make }
+}
+
+impl Named {
+    const fn within(mut self, bounds: [f64; 2]) -> Self {
+        self.bounds = bounds;
+        self
+    }
+
+    const fn else_value(mut self, value: f64) -> Self {
+        self.by_default = Some(value);
+        self
+    }
 }
 
 fn any(_: Sensor) -> bool {
@@ -66,12 +97,20 @@ fn numbers(sensor: Sensor) -> bool {
     !matches!(sensor, Sensor::All | Sensor::Imu | Sensor::Gnss | Sensor::Landmark)
 }
 
+fn fixes_too(sensor: Sensor) -> bool {
+    numbers(sensor) || sensor == Sensor::Gnss
+}
+
 fn axes(sensor: Sensor) -> bool {
-    matches!(sensor, Sensor::Gyro | Sensor::Accel | Sensor::Mag | Sensor::Flow)
+    turned(sensor) || sensor == Sensor::Flow
 }
 
 fn turned(sensor: Sensor) -> bool {
     matches!(sensor, Sensor::Gyro | Sensor::Accel | Sensor::Mag)
+}
+
+fn blown(sensor: Sensor) -> bool {
+    matches!(sensor, Sensor::Baro | Sensor::Airspeed | Sensor::Range)
 }
 
 fn receiver(sensor: Sensor) -> bool {
@@ -79,32 +118,32 @@ fn receiver(sensor: Sensor) -> bool {
 }
 
 const KINDS: &[Named] = &[
-    named("stuck", Takes::Either, |s| numbers(s) || matches!(s, Sensor::Imu | Sensor::Gnss)),
-    named("freeze", Takes::Nothing, told),
-    named("zero", Takes::Nothing, numbers),
-    named("bias", Takes::Value, numbers),
-    named("ramp", Takes::Value, numbers),
-    named("scale", Takes::Value, numbers),
-    named("noise", Takes::Value, |s| numbers(s) || s == Sensor::Gnss),
-    named("gust", Takes::Value, |s| matches!(s, Sensor::Baro | Sensor::Airspeed | Sensor::Range)),
-    named("delay", Takes::Value, told),
-    named("drop", Takes::Either, any),
-    named("flip", Takes::Nothing, numbers),
-    named("nan", Takes::Nothing, |s| numbers(s) || s == Sensor::Gnss),
-    named("swap", Takes::Nothing, axes),
-    named("turn", Takes::Value, turned),
-    named("jump", Takes::Course, receiver),
-    named("walk", Takes::Course, receiver),
-    named("walkboth", Takes::Course, receiver),
-    named("nofix", Takes::Nothing, receiver),
-    named("flap", Takes::Value, receiver),
-    named("height", Takes::Value, receiver),
+    plain("freeze", told, |_, _| FaultKind::Freeze),
+    plain("zero", numbers, |_, _| FaultKind::StuckAt(0.0)),
+    valued("stuck", numbers, Takes::Value, |v, _| FaultKind::StuckAt(v)),
+    valued("bias", numbers, Takes::Value, |v, _| FaultKind::Bias(v)),
+    valued("ramp", numbers, Takes::Value, |v, _| FaultKind::Ramp(v)),
+    valued("scale", numbers, Takes::Number, |v, _| FaultKind::Scale(v)),
+    valued("noise", fixes_too, Takes::Value, |v, _| FaultKind::Noise(v)).within([0.0, f64::MAX]),
+    valued("gust", blown, Takes::Value, |v, _| FaultKind::Gust(v)),
+    valued("delay", told, Takes::Number, |v, _| FaultKind::Delay(v)).within(POSITIVE),
+    valued("drop", any, Takes::Number, |v, _| FaultKind::Drop(v)).within([0.0, 1.0]).else_value(1.0),
+    plain("flip", numbers, |_, _| FaultKind::Flip),
+    plain("nan", fixes_too, |_, _| FaultKind::NotANumber),
+    plain("swap", axes, |_, _| FaultKind::Swap),
+    valued("turn", turned, Takes::Number, |v, _| FaultKind::Turn(v.to_radians())),
+    valued("jump", receiver, Takes::Course, FaultKind::Jump),
+    valued("walk", receiver, Takes::Course, FaultKind::Walk),
+    valued("walkboth", receiver, Takes::Course, FaultKind::WalkBoth),
+    plain("nofix", receiver, |_, _| FaultKind::NoFix),
+    valued("flap", receiver, Takes::Number, |v, _| FaultKind::Flap(v)).within(POSITIVE),
+    valued("height", receiver, Takes::Number, |v, _| FaultKind::Height(v)),
 ];
 
 /// Course of a walk or jump that names none: it moves along both axes.
 const COURSE_DEG: f64 = 45.0;
 
-impl FromStr for Fault {
+impl FromStr for InjectedFault {
     type Err = FaultError;
 
     fn from_str(text: &str) -> Result<Self, FaultError> {
@@ -148,102 +187,126 @@ fn kind_of(target: &Target, text: &str) -> Result<FaultKind, FaultError> {
         let has: Vec<_> = KINDS.iter().filter(|k| (k.of)(target.sensor)).map(|k| k.name).collect();
         return Err(FaultError::Kind(target.sensor.label(), name.to_owned(), has.join(", ")));
     };
-    let told = value.unwrap_or_default().to_owned();
-    let wrong = |why| FaultError::Value(kind.name, told.clone(), why);
-    let (number, course) = match value {
-        None if matches!(kind.takes, Takes::Value | Takes::Course) => {
-            return Err(wrong("a value is missing"));
-        }
-        None => (None, None),
-        Some(_) if kind.takes == Takes::Nothing => return Err(wrong("it takes no value")),
-        Some(text) => {
-            let (number, course) = text.split_once('/').map_or((text, None), |(n, c)| (n, Some(c)));
-            if course.is_some() && kind.takes != Takes::Course {
-                return Err(wrong("it takes no course"));
-            }
-            (Some(finite(number).ok_or_else(|| wrong("not a number"))?), course)
-        }
+    let told = value.unwrap_or_default();
+    let wrong = |why| FaultError::Value(kind.name, told.to_owned(), why);
+    if kind.takes == Takes::Nothing && value.is_some() {
+        return Err(wrong("it takes no value"));
+    }
+    let (number, course) = told.split_once('/').map_or((told, None), |(n, c)| (n, Some(c)));
+    if course.is_some() && kind.takes != Takes::Course {
+        return Err(wrong("it takes no course"));
+    }
+    let number = match value {
+        Some(_) => finite(number).ok_or_else(|| wrong("that is no number"))?,
+        None if kind.takes == Takes::Nothing => 0.0,
+        None => kind.by_default.ok_or_else(|| wrong("a value is missing"))?,
     };
-    let course = match course {
-        Some(text) => finite(text).ok_or_else(|| wrong("the course is not a number"))?,
-        None => COURSE_DEG,
-    };
-    Ok(made(name, target, number, course.to_radians()).map_err(wrong)?)
+    if !(kind.bounds[0]..=kind.bounds[1]).contains(&number) {
+        return Err(wrong("it cannot be that"));
+    }
+    let course =
+        course.map_or(Ok(COURSE_DEG), |c| finite(c).ok_or_else(|| wrong("the course is no number")))?;
+    let unit = if kind.takes == Takes::Value { target.in_si() } else { 1.0 };
+    Ok((kind.make)(number * unit, course.to_radians()))
 }
 
 fn finite(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|v: &f64| v.is_finite())
 }
 
-/// The kind with its value, in SI units.
-fn made(name: &str, target: &Target, number: Option<f64>, course: f64) -> Result<FaultKind, &'static str> {
-    let bare = number.unwrap_or(0.0);
-    let si = bare * target.in_si();
-    let positive = |ok: bool, kind| if ok { Ok(kind) } else { Err("it has to be positive") };
-    match name {
-        "stuck" => match number {
-            Some(_) if matches!(target.sensor, Sensor::Imu | Sensor::Gnss) => Err("it takes no value"),
-            Some(_) => Ok(FaultKind::StuckAt(si)),
-            None => Ok(FaultKind::Freeze),
-        },
-        "freeze" => Ok(FaultKind::Freeze),
-        "zero" => Ok(FaultKind::StuckAt(0.0)),
-        "bias" => Ok(FaultKind::Bias(si)),
-        "ramp" => Ok(FaultKind::Ramp(si)),
-        "scale" => Ok(FaultKind::Scale(bare)),
-        "noise" => positive(bare >= 0.0, FaultKind::Noise(si)),
-        "gust" => Ok(FaultKind::Gust(si)),
-        "delay" => positive(bare > 0.0, FaultKind::Delay(bare)),
-        "drop" => {
-            let part = number.unwrap_or(1.0);
-            if (0.0..=1.0).contains(&part) {
-                Ok(FaultKind::Drop(part))
-            } else {
-                Err("a part lies between 0 and 1")
-            }
-        }
-        "flip" => Ok(FaultKind::Flip),
-        "nan" => Ok(FaultKind::NotANumber),
-        "swap" => Ok(FaultKind::Swap),
-        "turn" => Ok(FaultKind::Turn(bare.to_radians())),
-        "jump" => Ok(FaultKind::Jump(bare, course)),
-        "walk" => Ok(FaultKind::Walk(bare, course)),
-        "walkboth" => Ok(FaultKind::WalkBoth(bare, course)),
-        "nofix" => Ok(FaultKind::NoFix),
-        "flap" => positive(bare > 0.0, FaultKind::Flap(bare)),
-        _ => Ok(FaultKind::Height(bare)),
-    }
+/// A number that was given comes back without the rounding of its unit's factor.
+fn rounded(value: f64) -> f64 {
+    (value * 1e9).round() / 1e9
 }
 
-impl fmt::Display for Fault {
+fn degrees(radians: f64) -> f64 {
+    rounded(radians.to_degrees())
+}
+
+impl fmt::Display for InjectedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let t = &self.target;
-        let back = |si: f64| si / t.in_si();
-        write!(f, "{t}:")?;
+        write!(f, "{t}:{}", self.kind.name())?;
         match self.kind {
-            FaultKind::StuckAt(v) if v == 0.0 => write!(f, "zero"),
-            FaultKind::StuckAt(v) => write!(f, "stuck={}", back(v)),
-            FaultKind::Freeze => write!(f, "freeze"),
-            FaultKind::Bias(v) => write!(f, "bias={}", back(v)),
-            FaultKind::Ramp(v) => write!(f, "ramp={}", back(v)),
-            FaultKind::Scale(v) => write!(f, "scale={v}"),
-            FaultKind::Noise(v) => write!(f, "noise={}", back(v)),
-            FaultKind::Gust(v) => write!(f, "gust={}", back(v)),
-            FaultKind::Delay(s) => write!(f, "delay={s}"),
-            FaultKind::Drop(p) if p == 1.0 => write!(f, "drop"),
-            FaultKind::Drop(p) => write!(f, "drop={p}"),
-            FaultKind::Flip => write!(f, "flip"),
-            FaultKind::NotANumber => write!(f, "nan"),
-            FaultKind::Swap => write!(f, "swap"),
-            FaultKind::Turn(by) => write!(f, "turn={}", by.to_degrees()),
-            FaultKind::Jump(m, course) => write!(f, "jump={m}/{}", course.to_degrees()),
-            FaultKind::Walk(v, course) => write!(f, "walk={v}/{}", course.to_degrees()),
-            FaultKind::WalkBoth(v, course) => write!(f, "walkboth={v}/{}", course.to_degrees()),
-            FaultKind::NoFix => write!(f, "nofix"),
-            FaultKind::Flap(s) => write!(f, "flap={s}"),
-            FaultKind::Height(m) => write!(f, "height={m}"),
+            FaultKind::StuckAt(v)
+            | FaultKind::Bias(v)
+            | FaultKind::Ramp(v)
+            | FaultKind::Noise(v)
+            | FaultKind::Gust(v) => write!(f, "={}", rounded(v / t.in_si())),
+            FaultKind::Scale(v)
+            | FaultKind::Delay(v)
+            | FaultKind::Drop(v)
+            | FaultKind::Flap(v)
+            | FaultKind::Height(v) => write!(f, "={v}"),
+            FaultKind::Turn(by) => write!(f, "={}", degrees(by)),
+            FaultKind::Jump(v, course) | FaultKind::Walk(v, course) | FaultKind::WalkBoth(v, course) => {
+                write!(f, "={v}/{}", degrees(course))
+            }
+            _ => Ok(()),
         }?;
         write!(f, "@{}..", self.from_s)?;
         if self.to_s.is_finite() { write!(f, "{}", self.to_s) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn parsed(text: &str) -> Result<InjectedFault, FaultError> {
+        text.parse()
+    }
+
+    #[test]
+    fn what_is_written_is_what_is_read() {
+        for text in [
+            "flow:stuck=0@100..160",
+            "range0:stuck=0.7@10..",
+            "gyro.z:bias=3@50..60",
+            "gnss1:walk=0.5/90@60..200",
+            "mag:turn=-90@1..2",
+            "all:drop=1@5..7.5",
+            "accel.x:freeze@0..9",
+            "baro1:gust=3@1..9",
+        ] {
+            assert_eq!(parsed(text).unwrap().to_string(), text);
+        }
+        assert_eq!(parsed("flow:zero@1..2"), parsed("flow:stuck=0@1..2"));
+        assert_eq!(parsed("gyro.z:bias=180@1..2").unwrap().kind, FaultKind::Bias(std::f64::consts::PI));
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_what_can() {
+        for (text, hint) in [
+            ("flow:zero", "expected SENSOR:KIND"),
+            ("sonar:zero@1..2", "there are all, imu, gyro"),
+            ("flow.z:zero@1..2", "no axis"),
+            ("gnss:scale=2@1..2", "it has freeze"),
+            ("range:bias@1..2", "a value is missing"),
+            ("range:bias=NaN@1..2", "no number"),
+            ("range:zero=1@1..2", "takes no value"),
+            ("range:drop=2@1..2", "cannot be that"),
+            ("flow:zero@2..1", "not an interval"),
+            ("flow:zero@-1..1", "not an interval"),
+            ("flow999:zero@1..2", "no sensor"),
+        ] {
+            let error = parsed(text).unwrap_err().to_string();
+            assert!(error.contains(hint), "{text}: {error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_a_fault_or_an_error(text in "\\PC{0,40}") {
+            let _ = parsed(&text);
+        }
+
+        #[test]
+        fn nearly_right_texts_are_too(text in "(flow|gnss1|gyro\\.z|all|baro)[:=](bias|walk|drop|zero|delay)(=[-0-9e.]{0,5}(/[0-9]{0,3})?)?@[0-9.]{0,6}\\.\\.[0-9.]{0,6}") {
+            if let Ok(fault) = parsed(&text) {
+                prop_assert_eq!(parsed(&fault.to_string()), Ok(fault));
+            }
+        }
     }
 }

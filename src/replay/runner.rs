@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::fault::{Fault, Injector};
+use crate::fault::{InjectedFault, Injector};
 use crate::metrics::outage::{OutageReport, OutageScore};
 use crate::metrics::{AidedErrors, AidedReport, ErrorSample, ReferenceState};
 use crate::navigator::event::{Event, EventKind};
@@ -126,7 +126,7 @@ impl Runner {
     }
 
     /// What is heard from now on is altered by these, and by nothing else; their noise is drawn from `seed`.
-    pub fn set_faults(&mut self, faults: Vec<Fault>, seed: u64) {
+    pub fn set_faults(&mut self, faults: Vec<InjectedFault>, seed: u64) {
         self.faults = Injector::new(faults, seed);
     }
 
@@ -271,7 +271,7 @@ pub fn run(
     log: &Log,
     settings: &PipelineSettings,
     outages: &[(f64, f64)],
-    faults: &[Fault],
+    faults: &[InjectedFault],
     mut progress: impl FnMut(u64),
     mut watch: impl FnMut(&Runner, &Input, &[OutboundMessage]),
 ) -> Result<(Runner, LogSummary), LogError> {
