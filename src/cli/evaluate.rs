@@ -181,7 +181,7 @@ fn print_table(rows: &[OutageRow], args: &EvaluateArgs) {
     table.print();
 }
 
-fn median(mut v: Vec<f64>) -> Option<f64> {
+pub(super) fn median(mut v: Vec<f64>) -> Option<f64> {
     v.sort_by(f64::total_cmp);
     match v.len() {
         0 => None,

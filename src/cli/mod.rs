@@ -12,6 +12,7 @@ mod preflight;
 mod replay;
 mod run;
 mod simulate;
+mod stress;
 mod table;
 
 use std::io::Write;
@@ -46,6 +47,8 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Slide outages over logs and tabulate the drift
     Evaluate(evaluate::EvaluateArgs),
+    /// Put faults of every sensor into logs and tabulate what became of it
+    Stress(stress::StressArgs),
     /// What is in a log, and what Holdover can do with it
     Inspect(inspect::InspectArgs),
     /// Write the log of a simulated flight, with the truth in it, or be an autopilot in flight
@@ -165,6 +168,7 @@ fn run(cli: Cli) -> Result<(), Failure> {
         Command::Preflight(args) => preflight::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        Command::Stress(args) => stress::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Check(args) => check::run(&args),

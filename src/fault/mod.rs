@@ -26,7 +26,7 @@ mod target;
 pub mod text;
 
 pub use injector::Injector;
-pub use target::Target;
+pub use target::{Sensor, Target};
 pub use text::FaultError;
 
 /// What a sensor tells instead of what it should, and when.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::{ErrorSample, ReferenceState, Rms};
-use crate::navigator::solution::Solution;
+use crate::navigator::solution::{Mode, Solution};
 
 /// What happened in an outage so far.
 #[derive(Clone, Debug)]
@@ -17,6 +17,8 @@ pub struct OutageScore {
     end_error_m: Option<f64>,
     max_error_m: Option<f64>,
     sigma_end_m: Option<f64>,
+    worst_sigmas: Option<f64>,
+    lost_at_s: Option<f64>,
     altitude: Rms,
     /// Position messages that were sent.
     pub sent_messages: u64,
@@ -41,6 +43,10 @@ pub struct OutageReport {
     pub altitude_rmse_m: Option<f64>,
     /// Standard deviation of the horizontal error that the navigator claimed at the end, m.
     pub sigma_end_m: Option<f64>,
+    /// Largest horizontal error over the standard deviation claimed for it then, while one was claimed: until Lost.
+    pub worst_sigmas: Option<f64>,
+    /// When it was called lost, s since the first sample.
+    pub lost_at_s: Option<f64>,
     /// Position messages that were sent to the autopilot.
     pub sent_messages: u64,
 }
@@ -62,6 +68,8 @@ impl OutageScore {
             end_error_m: None,
             max_error_m: None,
             sigma_end_m: None,
+            worst_sigmas: None,
+            lost_at_s: None,
             altitude: Rms::default(),
             sent_messages: 0,
         }
@@ -87,8 +95,8 @@ impl OutageScore {
         self.start_error_m
     }
 
-    /// Adds a comparison within the outage.
-    pub fn add(&mut self, solution: &Solution, reference: &ReferenceState) {
+    /// Adds a comparison within the outage, `t_s` s since the first sample.
+    pub fn add(&mut self, t_s: f64, solution: &Solution, reference: &ReferenceState) {
         let e = ErrorSample::between(solution, reference);
         if let Some(last) = self.last {
             let step = (reference.position_ned - last).norm();
@@ -100,7 +108,13 @@ impl OutageScore {
         self.start_error_m.get_or_insert(e.horizontal_m);
         self.end_error_m = Some(e.horizontal_m);
         self.max_error_m = Some(self.max_error_m.map_or(e.horizontal_m, |m| m.max(e.horizontal_m)));
-        self.sigma_end_m = Some(solution.horizontal_sigma_m());
+        let sigma_m = solution.horizontal_sigma_m();
+        self.sigma_end_m = Some(sigma_m);
+        if solution.mode == Mode::Lost {
+            self.lost_at_s.get_or_insert(t_s);
+        } else if self.lost_at_s.is_none() && sigma_m > 0.0 {
+            self.worst_sigmas = Some(self.worst_sigmas.unwrap_or(0.0).max(e.horizontal_m / sigma_m));
+        }
         self.altitude.add(e.altitude_m);
     }
 
@@ -120,6 +134,8 @@ impl OutageScore {
             drift_percent: drift,
             altitude_rmse_m: self.altitude.value(),
             sigma_end_m: self.sigma_end_m,
+            worst_sigmas: self.worst_sigmas,
+            lost_at_s: self.lost_at_s,
             sent_messages: self.sent_messages,
         }
     }

@@ -119,8 +119,13 @@ impl Runner {
 
     /// Adds an outage on the way (its start must lie ahead of what was taken).
     pub fn add_outage(&mut self, start_s: f64, end_s: f64) {
-        let outage = OutageScore::new(start_s, end_s);
         self.mask.add(start_s, end_s);
+        self.add_score(start_s, end_s);
+    }
+
+    /// Errors from `start_s` to `end_s` are scored as an outage's are, GNSS or not.
+    pub fn add_score(&mut self, start_s: f64, end_s: f64) {
+        let outage = OutageScore::new(start_s, end_s);
         self.truth.outages.push(outage.clone());
         self.gnss.outages.push(outage);
     }
@@ -251,7 +256,7 @@ impl Score {
         self.compared += 1;
         let mut out = false;
         for o in self.outages.iter_mut().filter(|o| o.contains(t)) {
-            o.add(solution, reference);
+            o.add(t, solution, reference);
             out = true;
         }
         if !out && solution.mode == Mode::Aided {

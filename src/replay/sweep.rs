@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::pipeline::PipelineSettings;
+use crate::replay::forks::{self, Branch, starts_between};
 use crate::replay::log::{Log, LogError};
 use crate::replay::runner::Runner;
 use crate::sample::{Input, Reference, Sample};
@@ -35,7 +36,7 @@ pub struct SweepRow {
 const AIRBORNE_M: [f64; 2] = [2.0, 10.0];
 const AIRBORNE_MPS: [f64; 2] = [5.0, 3.0];
 /// Time that the navigation has to settle with GNSS in the air before the first outage, s.
-const SETTLE_S: f64 = 30.0;
+pub(super) const SETTLE_S: f64 = 30.0;
 
 /// From when to when a log's vehicle flies, seconds since the first sample: truth where there is one, else GNSS.
 ///
@@ -95,50 +96,23 @@ pub fn sweep(
     starts: usize,
 ) -> Result<Vec<SweepRow>, LogError> {
     let Some((from, to)) = flight else { return Ok(Vec::new()) };
-    let mut planned: Vec<(f64, f64)> = Vec::new();
-    for &length in lengths {
-        let (first, last) = (from + SETTLE_S, to - length);
-        if last < first {
-            continue;
-        }
-        let step = if starts > 1 { (last - first) / (starts - 1) as f64 } else { 0.0 };
-        planned.extend((0..starts).map(|i| (first + step * i as f64, length)));
-    }
-    planned.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut waiting = planned.into_iter().peekable();
-    let mut aided = Runner::new(settings, &[]);
-    aided.pipeline.follow(log.vehicle());
-    let mut forks: Vec<(f64, f64, Runner)> = Vec::new();
+    let branches = lengths.iter().flat_map(|&length| {
+        let starts = starts_between(from + SETTLE_S, to, length, starts);
+        starts.into_iter().map(move |start| Branch {
+            from_s: start,
+            to_s: start + length,
+            what: (start, length),
+        })
+    });
     let mut rows = Vec::new();
-    log.play(
-        |_, _| {},
-        |clock, item| {
-            let now = match item {
-                Input::Sample(s) => Some(aided.seconds(s.time())),
-                _ => None,
-            };
-            if let Some(t) = now {
-                while let Some((start, length)) = waiting.next_if(|(start, _)| *start <= t) {
-                    let mut fork = aided.fork();
-                    fork.add_outage(start, start + length);
-                    forks.push((start, length, fork));
-                }
-                // A fork is done once samples are later than its end, with some room for late ones.
-                forks.retain(|(start, length, fork)| {
-                    let open = t < start + length + 1.0;
-                    if !open {
-                        rows.push(row(*start, *length, fork));
-                    }
-                    open
-                });
-            }
-            aided.take(clock, item);
-            for (_, _, fork) in &mut forks {
-                fork.take(clock, item);
-            }
-        },
+    forks::play(
+        log,
+        settings,
+        branches.collect(),
+        |&(start, length), fork| fork.add_outage(start, start + length),
+        |_, _, _| {},
+        |(start, length), fork| rows.push(row(start, length, fork)),
     )?;
-    rows.extend(forks.iter().map(|(start, length, fork)| row(*start, *length, fork)));
     rows.sort_by(|a, b| a.length_s.total_cmp(&b.length_s).then(a.start_s.total_cmp(&b.start_s)));
     Ok(rows)
 }
