@@ -9,7 +9,9 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
+use crate::fault::{InjectedFault, Injector};
 use crate::geo::{Body, BodyToNed, Ned};
+use crate::sample::{Input, Sample};
 use crate::sim::models::{AirspeedModel, GnssOutage, ImuModel, OutageKind, RangeModel};
 use crate::sim::{Environment, MarkerWatch, Reading, Scenario, SensorSuite, Simulation, Truth};
 use crate::wire::encode_vehicle::{self, VehicleTruth};
@@ -76,6 +78,9 @@ pub struct SimulateArgs {
     /// The receiver loses its fix from A to B, s (`replay --outage` makes outages of a good log instead)
     #[arg(long, value_name = "A..B", value_parser = parse_interval)]
     pub lose_gnss: Option<(f64, f64)>,
+    /// Put a fault into what is recorded, as `replay --fault` does into what was; may be given several times
+    #[arg(long, value_name = "FAULT", conflicts_with = "autopilot")]
+    pub fault: Vec<InjectedFault>,
     /// A steady wind towards north and east, m/s, as in 4,-2
     #[arg(long, value_name = "N,E", value_parser = parse_wind, allow_hyphen_values = true)]
     pub wind: Option<(f64, f64)>,
@@ -151,6 +156,7 @@ fn write_log(args: &SimulateArgs, name: &str, out: &Path) -> Result<(), Failure>
     let sink = create(out, args.force)?;
     let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", out.display()));
     let mut recorder = Recorder::new(Simulation::new(scenario, suite, args.seed), watch, args.dialect, sink);
+    recorder.faults = Injector::new(args.fault.clone(), args.seed);
     let bar = progress_bar(duration_s);
     while let Some(t_s) = recorder.step().map_err(named)? {
         bar.set_position(t_s as u64);
@@ -251,6 +257,7 @@ fn progress_bar(duration_s: f64) -> ProgressBar {
 struct Recorder<W> {
     simulation: Simulation,
     markers: Option<MarkerWatch>,
+    faults: Injector,
     autopilot: AutopilotKind,
     log: TlogWriter<W>,
     steps: u64,
@@ -265,7 +272,15 @@ impl<W: Write> Recorder<W> {
             Dialect::Px4 => AutopilotKind::Px4,
         };
         let log = TlogWriter::new(sink, VEHICLE);
-        Self { simulation, markers, autopilot, log, steps: 0, messages: Vec::with_capacity(16) }
+        Self {
+            simulation,
+            markers,
+            faults: Injector::default(),
+            autopilot,
+            log,
+            steps: 0,
+            messages: Vec::with_capacity(16),
+        }
     }
 
     /// Writes the messages of one IMU step, the first time those of the beginning before. Its time, s; `None` when the flight is over.
@@ -288,7 +303,8 @@ impl<W: Write> Recorder<W> {
     /// What the camera tells of markers.
     fn pictures(&mut self, truth: &Truth) -> std::io::Result<()> {
         let Some(markers) = &mut self.markers else { return Ok(()) };
-        let samples: Vec<_> = markers.step(truth).map(|seen| sighting(&seen)).collect();
+        let seen = markers.step(truth).map(|seen| sighting(&seen));
+        let samples: Vec<_> = seen.filter_map(|s| heard(&mut self.faults, truth.t_s, s)).collect();
         encode_vehicle::samples(&samples, &mut self.messages);
         for message in self.messages.drain(..) {
             self.log.write_from(CAMERA, unix_us(truth.t_s), &message)?;
@@ -306,7 +322,9 @@ impl<W: Write> Recorder<W> {
     }
 
     fn messages_of(&mut self, reading: &Reading) {
-        encode_vehicle::samples(reading.samples.iter(), &mut self.messages);
+        let told: Vec<Sample> =
+            reading.samples.iter().filter_map(|s| heard(&mut self.faults, reading.t_s, *s)).collect();
+        encode_vehicle::samples(&told, &mut self.messages);
         // The truth comes after the IMU sample whose time it takes.
         if self.steps.is_multiple_of(TRUTH_EVERY) {
             self.messages.extend(self.truth(&reading.truth));
@@ -339,6 +357,14 @@ impl<W: Write> Recorder<W> {
             self.log.write(unix_us(t_s), &message)?;
         }
         Ok(())
+    }
+}
+
+/// What a sensor tells with the faults that are put in.
+fn heard(faults: &mut Injector, t_s: f64, sample: Sample) -> Option<Sample> {
+    match faults.alter(t_s, &Input::Sample(sample))? {
+        Input::Sample(told) => Some(told),
+        _ => None,
     }
 }
 
