@@ -1,5 +1,6 @@
 //! `holdover evaluate`: outages slid over the airborne, moving part of logs, in one table.
 
+use std::fmt;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -179,6 +180,48 @@ fn print_table(rows: &[OutageRow], args: &EvaluateArgs) {
         }
     }
     table.print();
+    for estimator in Estimator::ALL {
+        let all = rows.iter().filter(|r| r.estimator == estimator.label()).map(|r| &r.row);
+        if let Some(honesty) = Honesty::of(all) {
+            outln!("  {}: {honesty}", estimator.label());
+        }
+    }
+}
+
+/// Whether what was claimed was true, over many outages.
+struct Honesty {
+    outages: usize,
+    /// Parts of the errors within two and within four of their sigmas.
+    within: [f64; 2],
+    /// Root mean square of sigma over that of the error.
+    caution: f64,
+}
+
+impl Honesty {
+    fn of<'a>(rows: impl Iterator<Item = &'a SweepRow>) -> Option<Self> {
+        let pairs: Vec<(f64, f64)> = rows
+            .filter_map(|r| Some((r.horizontal_error_end_m?, r.sigma_end_m.filter(|s| *s > 0.0)?)))
+            .collect();
+        let n = pairs.len();
+        let part = |k: f64| pairs.iter().filter(|(e, s)| *e <= k * s).count() as f64 / n as f64;
+        let squares = |f: fn(&(f64, f64)) -> f64| pairs.iter().map(|p| f(p).powi(2)).sum::<f64>();
+        (n > 0).then(|| Self {
+            outages: n,
+            within: [part(2.0), part(4.0)],
+            caution: (squares(|p| p.1) / squares(|p| p.0)).sqrt(),
+        })
+    }
+}
+
+impl fmt::Display for Honesty {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [two, four] = self.within.map(|part| 100.0 * part);
+        write!(
+            f,
+            "{} outages, {two:.1} % of the errors within 2 sigma, {four:.1} % within 4, sigma {:.1} times the error (RMS)",
+            self.outages, self.caution
+        )
+    }
 }
 
 pub(super) fn median(mut v: Vec<f64>) -> Option<f64> {
