@@ -86,6 +86,9 @@ impl Summary {
     fn write_doubted(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for s in self.sources.iter().filter(|s| s.health != SourceHealth::Healthy) {
             write!(f, "; {} {} {}", s.kind.label(), s.id, s.health.label())?;
+            if let Some(charge) = s.charge {
+                write!(f, ": {}", charge.label())?;
+            }
             if let Some((reason, n)) = s.rejected.iter().max_by_key(|(_, n)| **n) {
                 write!(f, " ({n} {reason})")?;
             }

@@ -6,7 +6,7 @@ use crate::fault::{FaultError, InjectedFault};
 
 /// When a case's faults act, relative to the interval that is scored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Onset {
+enum Timing {
     /// Some seconds into the outage, to its end.
     Within,
     /// Long before the outage, to its end.
@@ -19,20 +19,20 @@ enum Onset {
     Returns,
 }
 
-impl Onset {
+impl Timing {
     /// From when to when, s, in an interval of `length_s`.
     fn span_s(self, length_s: f64) -> (f64, f64) {
         match self {
-            Onset::Within => (WITHIN_S, length_s),
-            Onset::Before => (-LEAD_S, length_s),
-            Onset::Hole => (WITHIN_S, WITHIN_S + HOLE_S),
-            Onset::WithGnss => (0.0, length_s),
-            Onset::Returns => (0.0, 0.5 * length_s),
+            Timing::Within => (WITHIN_S, length_s),
+            Timing::Before => (-LEAD_S, length_s),
+            Timing::Hole => (WITHIN_S, WITHIN_S + HOLE_S),
+            Timing::WithGnss => (0.0, length_s),
+            Timing::Returns => (0.0, 0.5 * length_s),
         }
     }
 
     fn has_gnss(self) -> bool {
-        matches!(self, Onset::WithGnss | Onset::Returns)
+        matches!(self, Timing::WithGnss | Timing::Returns)
     }
 }
 
@@ -54,70 +54,70 @@ pub struct StressCase {
     pub outage: bool,
 }
 
-const MATRIX: &[(Onset, &str)] = &[
-    (Onset::Within, "flow:zero"),
-    (Onset::Within, "flow:freeze"),
-    (Onset::Within, "flow:scale=2"),
-    (Onset::Within, "flow:scale=0.5"),
-    (Onset::Within, "flow:flip"),
-    (Onset::Within, "flow:bias=0.1"),
-    (Onset::Within, "flow:noise=0.3"),
-    (Onset::Within, "flow:delay=0.3"),
-    (Onset::Within, "flow:nan"),
-    (Onset::WithGnss, "flow:zero"),
-    (Onset::WithGnss, "flow:scale=2"),
-    (Onset::Within, "range:stuck=0.7"),
-    (Onset::Within, "range:stuck=2"),
-    (Onset::Before, "range:stuck=2"),
-    (Onset::Within, "range:freeze"),
-    (Onset::Within, "range:scale=2"),
-    (Onset::Within, "range:noise=2"),
-    (Onset::Within, "baro:freeze"),
-    (Onset::Within, "baro:bias=5"),
-    (Onset::Within, "baro:ramp=0.1"),
-    (Onset::Within, "baro:gust=3"),
-    (Onset::Within, "baro:drop"),
-    (Onset::Within, "baro0:freeze"),
-    (Onset::Before, "mag:turn=30"),
-    (Onset::Within, "mag:turn=30"),
-    (Onset::Within, "mag:turn=90"),
-    (Onset::WithGnss, "mag:turn=90"),
-    (Onset::WithGnss, "mag:turn=180"),
-    (Onset::Within, "mag:freeze"),
-    (Onset::Within, "mag:bias=20"),
-    (Onset::Within, "mag:drop"),
-    (Onset::Within, "gyro.x:freeze"),
-    (Onset::Within, "gyro.x:flip"),
-    (Onset::Within, "gyro.z:bias=3"),
-    (Onset::Within, "gyro.y:bias=1"),
-    (Onset::Within, "accel.x:freeze"),
-    (Onset::Within, "accel.y:flip"),
-    (Onset::Within, "accel.z:bias=1"),
-    (Onset::WithGnss, "accel.x:freeze"),
-    (Onset::WithGnss, "gyro.x:flip"),
-    (Onset::Within, "airspeed:scale=0.7"),
-    (Onset::Within, "airspeed:freeze"),
-    (Onset::Within, "airspeed:zero"),
-    (Onset::WithGnss, "airspeed:scale=0.7"),
-    (Onset::WithGnss, "gnss:jump=5"),
-    (Onset::WithGnss, "gnss:jump=12"),
-    (Onset::WithGnss, "gnss:jump=100"),
-    (Onset::WithGnss, "gnss:walk=0.5"),
-    (Onset::WithGnss, "gnss:walkboth=0.5"),
-    (Onset::WithGnss, "gnss:walkboth=1.2"),
-    (Onset::WithGnss, "gnss:walkboth=2"),
-    (Onset::Returns, "gnss:walkboth=2"),
-    (Onset::Returns, "gnss:jump=12"),
-    (Onset::WithGnss, "gnss:freeze"),
-    (Onset::WithGnss, "gnss:flap=8"),
-    (Onset::WithGnss, "gnss:height=5"),
-    (Onset::WithGnss, "gnss:noise=5"),
-    (Onset::WithGnss, "gnss0:freeze"),
-    (Onset::Hole, "all:drop"),
-    (Onset::Within, "all:drop=0.5"),
-    (Onset::Within, "flow:zero range:stuck=2"),
-    (Onset::Within, "mag:turn=30 baro:gust=3"),
-    (Onset::Within, "gyro.z:bias=3 mag:freeze"),
+const MATRIX: &[(Timing, &str)] = &[
+    (Timing::Within, "flow:zero"),
+    (Timing::Within, "flow:freeze"),
+    (Timing::Within, "flow:scale=2"),
+    (Timing::Within, "flow:scale=0.5"),
+    (Timing::Within, "flow:flip"),
+    (Timing::Within, "flow:bias=0.1"),
+    (Timing::Within, "flow:noise=0.3"),
+    (Timing::Within, "flow:delay=0.3"),
+    (Timing::Within, "flow:nan"),
+    (Timing::WithGnss, "flow:zero"),
+    (Timing::WithGnss, "flow:scale=2"),
+    (Timing::Within, "range:stuck=0.7"),
+    (Timing::Within, "range:stuck=2"),
+    (Timing::Before, "range:stuck=2"),
+    (Timing::Within, "range:freeze"),
+    (Timing::Within, "range:scale=2"),
+    (Timing::Within, "range:noise=2"),
+    (Timing::Within, "baro:freeze"),
+    (Timing::Within, "baro:bias=5"),
+    (Timing::Within, "baro:ramp=0.1"),
+    (Timing::Within, "baro:gust=3"),
+    (Timing::Within, "baro:drop"),
+    (Timing::Within, "baro0:freeze"),
+    (Timing::Before, "mag:turn=30"),
+    (Timing::Within, "mag:turn=30"),
+    (Timing::Within, "mag:turn=90"),
+    (Timing::WithGnss, "mag:turn=90"),
+    (Timing::WithGnss, "mag:turn=180"),
+    (Timing::Within, "mag:freeze"),
+    (Timing::Within, "mag:bias=20"),
+    (Timing::Within, "mag:drop"),
+    (Timing::Within, "gyro.x:freeze"),
+    (Timing::Within, "gyro.x:flip"),
+    (Timing::Within, "gyro.z:bias=3"),
+    (Timing::Within, "gyro.y:bias=1"),
+    (Timing::Within, "accel.x:freeze"),
+    (Timing::Within, "accel.y:flip"),
+    (Timing::Within, "accel.z:bias=1"),
+    (Timing::WithGnss, "accel.x:freeze"),
+    (Timing::WithGnss, "gyro.x:flip"),
+    (Timing::Within, "airspeed:scale=0.7"),
+    (Timing::Within, "airspeed:freeze"),
+    (Timing::Within, "airspeed:zero"),
+    (Timing::WithGnss, "airspeed:scale=0.7"),
+    (Timing::WithGnss, "gnss:jump=5"),
+    (Timing::WithGnss, "gnss:jump=12"),
+    (Timing::WithGnss, "gnss:jump=100"),
+    (Timing::WithGnss, "gnss:walk=0.5"),
+    (Timing::WithGnss, "gnss:walkboth=0.5"),
+    (Timing::WithGnss, "gnss:walkboth=1.2"),
+    (Timing::WithGnss, "gnss:walkboth=2"),
+    (Timing::Returns, "gnss:walkboth=2"),
+    (Timing::Returns, "gnss:jump=12"),
+    (Timing::WithGnss, "gnss:freeze"),
+    (Timing::WithGnss, "gnss:flap=8"),
+    (Timing::WithGnss, "gnss:height=5"),
+    (Timing::WithGnss, "gnss:noise=5"),
+    (Timing::WithGnss, "gnss0:freeze"),
+    (Timing::Hole, "all:drop"),
+    (Timing::Within, "all:drop=0.5"),
+    (Timing::Within, "flow:zero range:stuck=2"),
+    (Timing::Within, "mag:turn=30 baro:gust=3"),
+    (Timing::Within, "gyro.z:bias=3 mag:freeze"),
 ];
 
 /// The whole matrix for intervals of `length_s`.
@@ -128,17 +128,17 @@ pub fn matrix(length_s: f64) -> Result<Vec<StressCase>, FaultError> {
     MATRIX.iter().map(|(onset, faults)| case(*onset, faults, length_s)).collect()
 }
 
-fn case(onset: Onset, text: &str, length_s: f64) -> Result<StressCase, FaultError> {
+fn case(onset: Timing, text: &str, length_s: f64) -> Result<StressCase, FaultError> {
     let (from_s, to_s) = onset.span_s(length_s);
     let faults = text.split(' ').map(|fault| {
         let parsed: InjectedFault = format!("{fault}@0..1").parse()?;
         Ok(InjectedFault { from_s, to_s, ..parsed })
     });
     let when = match onset {
-        Onset::Within | Onset::Hole => "",
-        Onset::Before => ", from before",
-        Onset::WithGnss => ", with GNSS",
-        Onset::Returns => ", and back",
+        Timing::Within | Timing::Hole => "",
+        Timing::Before => ", from before",
+        Timing::WithGnss => ", with GNSS",
+        Timing::Returns => ", and back",
     };
     Ok(StressCase {
         name: format!("{text}{when}"),

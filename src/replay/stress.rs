@@ -72,12 +72,12 @@ struct Trial {
     start_s: f64,
     outage: bool,
     faults: Vec<InjectedFault>,
-    seen: Seen,
+    seen: WhatWasTold,
 }
 
 /// What was seen on the way.
 #[derive(Clone, Debug, Default)]
-struct Seen {
+struct WhatWasTold {
     looked_s: f64,
     begun: bool,
     doubted_before: bool,
@@ -139,7 +139,7 @@ fn trials(cases: &[StressCase], start_s: f64) -> Vec<Trial> {
         start_s,
         outage,
         faults: Vec::new(),
-        seen: Seen::default(),
+        seen: WhatWasTold::default(),
     };
     let mut all = vec![plain(true), plain(false)];
     for (i, case) in cases.iter().enumerate() {
