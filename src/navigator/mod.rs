@@ -25,6 +25,7 @@ mod environment;
 mod estimator;
 pub mod event;
 pub mod event_codes;
+mod flow_judge;
 mod heading_turn;
 mod height;
 pub mod judge;

@@ -18,7 +18,7 @@ use super::sources::flow::{FlowInput, MeasuredFlow, PatchArrival};
 use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
-use super::{Mode, Navigator, heading_turn, relative};
+use super::{Mode, Navigator, flow_judge, heading_turn, relative};
 use crate::navigator::tuning::hole::LOST_YAW;
 
 impl Navigator {
@@ -283,6 +283,9 @@ impl Navigator {
             return self.patch(s);
         }
         match self.sources.flow.sensor_of(s, settings) {
+            Ok(index) if flow_judge::repeats(&mut self.core, &mut self.sources, s, index) => {
+                Verdict::Rejected(Reason::Stuck)
+            }
             Ok(index) => self.take_flow(s.time, index, FlowInput::Patch(s)),
             Err(reason) => Verdict::Rejected(reason),
         }
@@ -349,6 +352,10 @@ impl Navigator {
             Ok(measured) => measured,
             Err(reason) => return Verdict::Rejected(reason),
         };
+        if flow_judge::is_wrong(&mut self.core, &mut self.sources, &measured, index) {
+            return Verdict::Rejected(Reason::Distrusted);
+        }
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let taken = match self.core.mode {
             Mode::Aligning => {
                 self.sources.flow.hold_direction(&measured, index, &context);

@@ -51,17 +51,25 @@ const AHEAD_S: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub(super) struct Timeline {
     past: Past<Remembered>,
+    /// How often it began anew.
+    epoch: u32,
 }
 
 impl Timeline {
     /// Remembers `capacity` IMU samples (512 are 2 s at 250 Hz).
     pub(super) fn new(capacity: usize) -> Self {
-        Self { past: Past::new(capacity.max(2)) }
+        Self { past: Past::new(capacity.max(2)), epoch: 0 }
     }
 
     /// Whatever breaks the motion, or sets it anew, makes what is remembered another's.
     pub(super) fn reset(&mut self, _: &Reset) {
         self.past.clear();
+        self.epoch = self.epoch.wrapping_add(1);
+    }
+
+    /// Changes when it begins anew: impulses of different epochs have nothing to do with each other.
+    pub(super) fn epoch(&self) -> u32 {
+        self.epoch
     }
 
     /// Adds the newest instant.

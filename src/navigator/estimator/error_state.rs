@@ -20,6 +20,7 @@ use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::super::timeline::Timeline;
 use super::hole::{self, Levelled};
+use super::lookback::Lookback;
 use super::step::{Progress, StepInput, Stepped, Watch};
 use crate::navigator::tuning::error_state::{
     BRIDGE_STEP_S, HEIGHT_PERIOD_S, HEIGHT_SIGMA_M, MAGNETIC_PERIOD_S, MIN_UPRIGHT, MOVING_GYRO_BIAS,
@@ -79,6 +80,7 @@ pub(super) struct ErrorStateStage {
     magnetic_due: AutopilotTime,
     height_due: AutopilotTime,
     pub(super) watch: Watch,
+    lookback: Lookback,
 }
 
 impl ErrorStateStage {
@@ -111,6 +113,7 @@ impl ErrorStateStage {
             magnetic_due: now,
             height_due: now,
             watch: Watch::default(),
+            lookback: Lookback::new(),
         })
     }
 
@@ -129,6 +132,7 @@ impl ErrorStateStage {
             magnetic_due: now,
             height_due: now,
             watch: Watch::default(),
+            lookback: Lookback::new(),
         })
     }
 
@@ -136,8 +140,26 @@ impl ErrorStateStage {
         &self.filter
     }
 
+    /// To be set anew: what it was before is no past of it then.
     pub(super) fn filter_mut(&mut self) -> &mut Eskf {
+        self.lookback.forget();
         &mut self.filter
+    }
+
+    /// Takes back what was measured since `then`: the filter goes on from there by inertia alone, but for the height. How far that moves it,
+    /// position and velocity, NED, m and m/s; `None` where nothing is remembered.
+    pub(super) fn go_back(
+        &mut self,
+        then: AutopilotTime,
+        environment: &LocalEnvironment,
+    ) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let mut filter = self.lookback.since(then, environment)?;
+        let (before, after) = (*self.filter.state(), *filter.state());
+        let climbed = before.position_ned.z - after.position_ned.z;
+        filter.shift_origin(&Vector3::new(0.0, 0.0, -climbed));
+        self.filter = filter;
+        let moved = after.position_ned - before.position_ned;
+        Some((Vector3::new(moved.x, moved.y, 0.0), after.velocity_ned - before.velocity_ned))
     }
 
     /// The gyros shake so much: what is white in their samples is noise, and never less than configured. (Not so for the accelerometers: air
@@ -163,6 +185,7 @@ impl ErrorStateStage {
             gravity_ned,
             earth_rate_ned,
         );
+        self.lookback.note(s, dt, &self.filter);
         if let Some(height) = height_m
             && s.time >= self.height_due
         {
@@ -320,6 +343,7 @@ impl ErrorStateStage {
         gap_s: f64,
         environment: &LocalEnvironment,
     ) -> Option<Stepped> {
+        self.lookback.forget();
         let rate = 0.5 * (last.angular_rate.raw() + s.angular_rate.raw());
         let force = 0.5 * (last.specific_force.raw() + s.specific_force.raw());
         let steps = (gap_s / BRIDGE_STEP_S).ceil().max(1.0);
@@ -334,6 +358,7 @@ impl ErrorStateStage {
 
     /// Over a hole that is too long for that: with the velocity that it had. `None` when that is not finite.
     pub(super) fn coast(&mut self, s: &ImuSample, gap_s: f64) -> Option<Stepped> {
+        self.lookback.forget();
         self.filter.coast(gap_s);
         let speed = self.filter.state().velocity_ned.norm();
         self.filter.doubt(&hole::doubt_beyond(gap_s, speed));
@@ -347,6 +372,7 @@ impl ErrorStateStage {
         field: Option<(&Vector3<f64>, &Vector3<f64>)>,
         sigma_t: f64,
     ) {
+        self.lookback.forget();
         let yaw = self.yaw_sigma();
         self.filter.set_attitude(&found.turn_ned, found.tilt_sigma, yaw);
         if let Some((body, ned)) = field.filter(|_| yaw > found.tilt_sigma) {

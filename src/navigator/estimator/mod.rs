@@ -10,6 +10,7 @@ mod error_state;
 mod exogenous;
 mod heading;
 mod hole;
+mod lookback;
 mod observer;
 mod step;
 
@@ -306,6 +307,19 @@ impl EstimatorStack {
         velocity_ned: &Vector3<f64>,
     ) {
         self.observer.predictor.reset(now, position_ned, velocity_ned);
+    }
+
+    /// What was measured since `then` is taken back; how far that moves the position, NED, m. See [`ErrorStateStage::go_back`].
+    pub(super) fn go_back(
+        &mut self,
+        now: AutopilotTime,
+        then: AutopilotTime,
+        environment: &LocalEnvironment,
+    ) -> Option<Vector3<f64>> {
+        let (moved, _) = self.error_state_mut()?.go_back(then, environment)?;
+        let (position_ned, velocity_ned) = self.estimate()?;
+        self.observer.predictor.reset(now, &position_ned, &velocity_ned);
+        Some(moved)
     }
 
     /// The horizontal position is known anew, with this standard deviation, by what the error-state filter has no model for. False when

@@ -84,6 +84,15 @@ pub(in crate::navigator) mod heading {
     pub(in crate::navigator) const LEAST_YAW: f64 = 0.12;
 }
 
+/// What is remembered of the filter.
+pub(in crate::navigator) mod lookback {
+    /// The filter is kept this often, s, so many times: longer than it takes to find out that a source is wrong.
+    pub(in crate::navigator) const SPACING_S: f64 = 0.5;
+    pub(in crate::navigator) const SNAPSHOTS: usize = 14;
+    /// So many IMU samples: 7 s at 250 Hz.
+    pub(in crate::navigator) const FELT: usize = 1750;
+}
+
 /// The observers.
 pub(in crate::navigator) mod observer {
     use super::Span;

@@ -11,9 +11,11 @@ pub(super) use decisions::{
     budget, core, environment, gnss_integrity, heading_witness, height, landmark_fix, memory, outage,
     published, relative, step, stream, uncertainty, vehicle,
 };
-pub(super) use estimation::{error_state, estimator, estimator_step, exogenous, heading, hole, observer};
+pub(super) use estimation::{
+    error_state, estimator, estimator_step, exogenous, heading, hole, lookback, observer,
+};
 pub(super) use sensing::{
-    airspeed, barometer, drag, every_source, flow, flow_image, flow_measure, following, gnss, landmark_pose,
-    landmark_relation, landmarks, latency, magnetometer, rangefinder, rangefinders, standstill, status,
-    takeoff,
+    airspeed, barometer, drag, every_source, flow, flow_image, flow_measure, flow_witness, following, gnss,
+    landmark_pose, landmark_relation, landmarks, latency, magnetometer, rangefinder, rangefinders,
+    standstill, status, takeoff,
 };

@@ -63,6 +63,12 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const GYRO_OFFSET_SIGMA: f64 = 0.003;
     /// A flow that tells the same for this long is stuck, s.
     pub(in crate::navigator) const STUCK_S: f64 = 0.3;
+    /// What a camera turns by while the flow tells zero is forgotten in this time, s.
+    pub(in crate::navigator) const ZERO_MEMORY_S: f64 = 1.0;
+    /// The calibration that is returned to is as old as this at least, s: a wrong flow is found within that.
+    pub(in crate::navigator) const CALIBRATION_KEPT_S: f64 = 5.0;
+    /// A flow that has gone astray is back when it is nearer to the filter's velocity than this part of what it had gone.
+    pub(in crate::navigator) const BACK: f64 = 0.5;
     /// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
     pub(in crate::navigator) const LATENCY_STEP_S: f64 = 0.04;
     /// The interval taken for the first sample, and the longest that a sample may stand for, s.
@@ -97,6 +103,31 @@ pub(in crate::navigator) mod flow_measure {
     pub(in crate::navigator) const LARGEST_DOUBT: f64 = 2.0;
     /// Distance noise, m: the calibration learns the scale.
     pub(in crate::navigator) const DISTANCE_SIGMA_M: f64 = 0.05;
+}
+
+/// Flow against inertia.
+pub(in crate::navigator) mod flow_witness {
+    /// Means are taken over this long, s; so many of them are kept, …
+    pub(in crate::navigator) const BLOCK_S: f64 = 0.25;
+    pub(in crate::navigator) const BLOCKS: usize = 24;
+    /// … and the median of so many is compared: a disturbance of half a second is none.
+    pub(in crate::navigator) const GROUP: usize = 5;
+    /// Inertia is asked over no more than this, s.
+    pub(in crate::navigator) const LONGEST_S: f64 = 6.0;
+    /// What any flow's scale is off by from one ground to the next.
+    pub(in crate::navigator) const SCALE: f64 = 0.1;
+    /// Square over its variance beyond which a difference is no accident (two axes, 5 sigma: one in 270 000), and below which it fits (95 %
+    /// of those that fit are below 6).
+    pub(in crate::navigator) const CONTRADICTS: f64 = 25.0;
+    pub(in crate::navigator) const FIT: f64 = 9.0;
+    /// The factor on the variance before it was seen, the least that is believed, the time over which it is learned, s, and how much one difference counts at most.
+    pub(in crate::navigator) const MISFIT: f64 = 2.0;
+    pub(in crate::navigator) const LEAST_MISFIT: f64 = 0.25;
+    pub(in crate::navigator) const LEARNED_S: f64 = 30.0;
+    pub(in crate::navigator) const CLIPPED: f64 = 4.0;
+    /// An accused flow is believed again when it has fitted for this long, s, and for so much of it inertia would have contradicted a zero.
+    pub(in crate::navigator) const FOLLOWED_S: f64 = 4.0;
+    pub(in crate::navigator) const MOVED_S: f64 = 1.0;
 }
 
 /// Whether a distance follows the height.

@@ -97,6 +97,18 @@ pub(super) fn moment(
     Ok(FlowMoment { time, r_body_to_ned, rate_body })
 }
 
+/// The rotation that is in a flow's rates, camera x and y, rad/s, if it is in them.
+pub(super) fn rotation_in(s: &FlowSample, delay_s: f64, context: &Context<'_>) -> Option<Vector2<f64>> {
+    match s.rotation {
+        FlowRotation::SensorGyro([x, y]) => Some(Vector2::new(x, y)),
+        FlowRotation::Contained => {
+            let rate_body = moment(s.time, s.interval, delay_s, context).ok()?.rate_body;
+            Some(context.core.settings.flow.mount.camera_to_body.to_camera(Body::new(rate_body)).raw().xy())
+        }
+        FlowRotation::Removed => None,
+    }
+}
+
 /// Distance along the optical axis if it is measured, and else the height over ground. The rangefinder's own message comes with
 /// limits and is checked; the distance in the flow's message is taken only where there is no rangefinder, and where it does not
 /// contradict the height. A rangefinder that is disputed or convicted is not asked: the distance is the height over the ground where it was

@@ -2,10 +2,12 @@
 
 mod image;
 mod measure;
+mod witness;
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3};
 
 use crate::camera::{CalibrationMemory, Distrust, FlowCalibration};
+use crate::geo::NOMINAL_GRAVITY_MPS2;
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::FlowSample;
@@ -24,13 +26,14 @@ use super::super::verdict::Reason;
 use super::latency::FlowLatency;
 use super::status::SourceHealth;
 use crate::navigator::tuning::flow::{
-    FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA, LATENCY_STEP_S,
-    LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE, STUCK_S,
+    BACK, CALIBRATION_KEPT_S, FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA,
+    LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE, STUCK_S, ZERO_MEMORY_S,
 };
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
 use measure::FlowCorrection;
 pub(in super::super) use measure::MeasuredFlow;
+use witness::{FlowAndInertia, InertialWitness};
 
 /// One flow sensor.
 #[derive(Clone, Debug)]
@@ -45,8 +48,31 @@ pub(in super::super) struct FlowSensor {
     gyro_offset: (Vector2<f64>, f64),
     last: Option<AutopilotTime>,
     outliers_s: f64,
-    /// Since when it has told the same, and what.
-    same: Option<(AutopilotTime, [f64; 2])>,
+    same: Option<SameFlow>,
+    witness: InertialWitness,
+    /// How far it has gone from inertia, NE, m/s, while that is held against it.
+    astray: Option<Vector2<f64>>,
+    kept: KeptCalibration,
+}
+
+/// The same flow, told again and again.
+#[derive(Clone, Copy, Debug)]
+struct SameFlow {
+    since: AutopilotTime,
+    last: AutopilotTime,
+    rate_xy: [f64; 2],
+    /// What the camera has turned by meanwhile, x and y, rad, forgotten in [`ZERO_MEMORY_S`].
+    turned: Vector2<f64>,
+    stuck: bool,
+}
+
+/// The calibration as it was some seconds ago: what a flow teaches before it is found to be wrong is taken back.
+#[derive(Clone, Debug)]
+struct KeptCalibration {
+    since: Option<AutopilotTime>,
+    /// The older is at least [`CALIBRATION_KEPT_S`] old.
+    older: FlowCalibration,
+    newer: FlowCalibration,
 }
 
 impl FlowSensor {
@@ -61,24 +87,54 @@ impl FlowSensor {
             last: None,
             outliers_s: 0.0,
             same: None,
+            witness: InertialWitness::new(),
+            astray: None,
+            kept: KeptCalibration {
+                since: None,
+                older: FlowCalibration::new(settings.calibration),
+                newer: FlowCalibration::new(settings.calibration),
+            },
         }
     }
 
-    /// Whether it has told the same numbers for longer than noise lets it. Zero is what sensors tell that see nothing move.
-    fn repeats(&mut self, s: &FlowSample) -> bool {
-        match self.same {
-            Some((since, rate)) if rate == s.rate_xy => {
-                rate != [0.0; 2] && s.time.seconds_since(since) > STUCK_S
-            }
-            _ => {
-                self.same = Some((s.time, s.rate_xy));
-                false
-            }
+    /// Since when it has told the same numbers, if that is longer than noise lets it. Zero is what sensors tell that see nothing move; but no
+    /// image stands still while the camera turns by more than the sensor's noise (`rate_xy`, rad/s, where the flow has the rotation in it).
+    fn repeats(
+        &mut self,
+        s: &FlowSample,
+        rate_xy: Option<Vector2<f64>>,
+        noise_radps: f64,
+    ) -> Option<AutopilotTime> {
+        let Some(same) = self.same.as_mut().filter(|same| same.rate_xy == s.rate_xy) else {
+            let (time, rate_xy) = (s.time, s.rate_xy);
+            self.same =
+                Some(SameFlow { since: time, last: time, rate_xy, turned: Vector2::zeros(), stuck: false });
+            return None;
+        };
+        let dt = s.time.seconds_since(same.last).clamp(0.0, LONGEST_INTERVAL_S);
+        same.last = s.time;
+        same.turned = same.turned * (-dt / ZERO_MEMORY_S).exp() + rate_xy.unwrap_or_default() * dt;
+        let turns = same.turned.norm() > noise_radps * ZERO_MEMORY_S;
+        let stands = same.rate_xy == [0.0; 2] && !turns;
+        same.stuck |= !stands && s.time.seconds_since(same.since) > STUCK_S;
+        same.stuck.then_some(same.since)
+    }
+
+    /// The calibration is kept while nothing speaks against it.
+    fn keep_calibration(&mut self, now: AutopilotTime) {
+        let kept = &mut self.kept;
+        if kept.since.is_none_or(|t| now.seconds_since(t) > CALIBRATION_KEPT_S) {
+            kept.since = Some(now);
+            kept.older.clone_from(&kept.newer);
+            kept.newer.clone_from(&self.calibration);
         }
     }
 
     /// Whether it may carry: GNSS has proven it, or there was never a GNSS to prove it by, and its errors are those of any such sensor.
     fn may_carry(&self, core: &Core) -> bool {
+        if self.astray.is_some() {
+            return false;
+        }
         match self.trust {
             Ok(()) => true,
             Err(Distrust::NotCompared) => core.integrity.never_good(),
@@ -153,6 +209,15 @@ pub(in super::super) struct Comparison {
     pub(in super::super) event: Option<EventKind>,
 }
 
+/// What inertia says of a flow sensor that is news.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) enum Finding {
+    /// It contradicts inertia; until then it still fitted.
+    Astray { since: AutopilotTime },
+    /// It follows inertia again.
+    Back,
+}
+
 /// A flow velocity that is to carry.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Carry {
@@ -196,20 +261,88 @@ impl FlowSource {
         Ok(())
     }
 
-    /// The sensor of a sample that is no patch of an image, if it is in order and does not repeat itself.
+    /// The sensor of a sample that is no patch of an image, if it is in order.
     pub(in super::super) fn sensor_of(
         &mut self,
         s: &FlowSample,
         settings: &FlowSettings,
     ) -> Result<usize, Reason> {
         let index = self.sensor(s.sensor, settings).ok_or(Reason::Redundant)?;
-        if self.sensors[index].last.is_some_and(|t| s.time <= t) {
-            return Err(Reason::OutOfOrder);
+        let late = self.sensors[index].last.is_some_and(|t| s.time <= t);
+        if late { Err(Reason::OutOfOrder) } else { Ok(index) }
+    }
+
+    /// Since when a sensor has repeated itself, if it does.
+    pub(in super::super) fn repeats(
+        &mut self,
+        s: &FlowSample,
+        index: usize,
+        context: &Context<'_>,
+    ) -> Option<AutopilotTime> {
+        let settings = &context.core.settings.flow;
+        let rate_xy = measure::rotation_in(s, self.sensors[index].latency.latency_s(), context);
+        self.sensors[index].repeats(s, rate_xy, settings.rate_noise_radps)
+    }
+
+    /// What inertia says of a flow; see [`witness`]. A sensor that GNSS agrees with is not held for wrong by inertia alone.
+    pub(in super::super) fn weigh(
+        &mut self,
+        m: &MeasuredFlow,
+        index: usize,
+        context: &Context<'_>,
+    ) -> Option<Finding> {
+        let core = context.core;
+        let impulse = core.timeline.impulse(m.time)?;
+        let sensor = &mut self.sensors[index];
+        if sensor.astray.is_none() && !sensor.may_carry(core) {
+            // Nobody builds on it.
+            sensor.witness.forget();
+            return None;
         }
-        if self.sensors[index].repeats(s) {
-            return Err(Reason::Stuck);
+        let corrected = sensor.corrected(m, core.settings.observer.flow_bias);
+        let in_ned = |v_xy: &Vector2<f64>| (m.r_body_to_ned * m.in_body(v_xy, core.height.climb_mps())).xy();
+        let reference = if core.mode == Mode::Aided { gnss_velocity(m, context) } else { None };
+        let tilt = core.attitude_variance(&context.facts).xy().max().max(0.0).sqrt();
+        let (_, v_ned) = core.estimator.estimate()?;
+        let v_ne = in_ned(&corrected);
+        let finding = sensor.witness.note(
+            &FlowAndInertia {
+                time: m.time,
+                v_ne,
+                impulse_ne: impulse.xy(),
+                reference_ne: reference.map(|v_xy| in_ned(&v_xy)),
+                variance: 0.5 * m.noise.trace() * sensor.calibration.noise_factor(),
+                accel_sigma: NOMINAL_GRAVITY_MPS2 * tilt,
+                epoch: core.timeline.epoch(),
+            },
+            sensor.astray.is_some(),
+        );
+        match (finding, sensor.astray) {
+            (Some(contradiction), None) => {
+                sensor.astray = Some(contradiction.apart_ne);
+                sensor.calibration.clone_from(&sensor.kept.older);
+                sensor.kept.newer.clone_from(&sensor.kept.older);
+                Some(Finding::Astray { since: contradiction.fitted })
+            }
+            // Where it has gone from inertia, it has to have come back: its changes alone do not show a constant error.
+            (None, Some(apart))
+                if sensor.witness.follows() && (v_ne - v_ned.xy()).norm() < BACK * apart.norm() =>
+            {
+                sensor.astray = None;
+                sensor.witness.forget();
+                Some(Finding::Back)
+            }
+            (None, None) => {
+                sensor.keep_calibration(m.time);
+                None
+            }
+            _ => None,
         }
-        Ok(index)
+    }
+
+    /// Whether inertia speaks against a sensor.
+    pub(in super::super) fn is_astray(&self, index: usize) -> bool {
+        self.sensors[index].astray.is_some()
     }
 
     /// The place of a sensor among those that are told apart; `None` when there are too many.
@@ -461,6 +594,7 @@ impl FlowSource {
     pub(super) fn reset(&mut self, reset: &Reset) {
         if reset.breaks_motion() {
             self.velocity_body = None;
+            self.sensors.iter_mut().for_each(|sensor| sensor.witness.forget());
         }
         // Stamps begin anew; what the sensors are worth stays known.
         if reset.reboots() {

@@ -1,0 +1,260 @@
+//! Flow against inertia over some seconds: whether the velocity that a flow shows changes as the accelerometers say.
+//!
+//! With I the acceleration that has added up since some time, v − I of a sound flow is constant but for what inertia drifts. A flow that
+//! becomes zero, turns its sign, is scaled or gets a bias while the vehicle moves makes it step; one that shows nothing of a
+//! motion that begins makes it run away. No velocity has to be known for that, so it holds in an outage as well as with GNSS, and what the
+//! filter has been taught by a flow that is wrong has no part in it but for the tilt of a second.
+//!
+//! v − I is averaged over blocks. The median of the newest blocks is compared with that of earlier ones, axis by axis, with the variance
+//!
+//! σ² = σ_flow² + (ε|v|)² + (σ_a τ)²,
+//!
+//! σ_flow what a block's noise is, ε what any flow's scale is off by from one ground to the next, σ_a the acceleration that a tilt of the
+//! filter's own doubt makes of gravity. What real vehicles do beyond that (vibration, terrain, latency) is measured: the mean of the squares over
+//! their variance, while nothing is wrong, is a factor on the variance.
+//!
+//! A finding is over when the differences have fitted for some seconds in which the vehicle's velocity has changed by more than they may be
+//! wrong by: a flow that shows zero of a hover fits, and proves nothing.
+
+use nalgebra::Vector2;
+
+use crate::time::AutopilotTime;
+
+use crate::navigator::tuning::flow_witness::{
+    BLOCK_S, BLOCKS, CLIPPED, CONTRADICTS, FIT, FOLLOWED_S, GROUP, LEARNED_S, LEAST_MISFIT, LONGEST_S,
+    MISFIT, MOVED_S, SCALE,
+};
+use crate::navigator::tuning::gnss::LEAST_SPEED_SIGMA;
+
+/// A flow's velocity with what it is compared with.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FlowAndInertia {
+    pub(super) time: AutopilotTime,
+    /// Velocity by flow, and what the acceleration has added up to, NE, m/s.
+    pub(super) v_ne: Vector2<f64>,
+    pub(super) impulse_ne: Vector2<f64>,
+    /// Velocity by GNSS, where that is trusted, NE, m/s.
+    pub(super) reference_ne: Option<Vector2<f64>>,
+    /// Of the flow's velocity, an axis, m²/s².
+    pub(super) variance: f64,
+    /// Standard deviation of the acceleration that the filter's attitude and biases leave, m/s².
+    pub(super) accel_sigma: f64,
+    /// Whether what the acceleration adds up to was begun anew since the last: any number that is another then.
+    pub(super) epoch: u32,
+}
+
+/// A difference that is no accident.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Contradiction {
+    /// The flow still fitted then.
+    pub(super) fitted: AutopilotTime,
+    /// How far the flow has gone from inertia since, NE, m/s.
+    pub(super) apart_ne: Vector2<f64>,
+}
+
+/// Means over a block.
+#[derive(Clone, Copy, Debug)]
+struct Block {
+    begin: AutopilotTime,
+    /// Of the last sample.
+    end: AutopilotTime,
+    samples: f64,
+    v: Vector2<f64>,
+    impulse: Vector2<f64>,
+    /// The flow's velocity less GNSS's, where all samples have that.
+    off: Option<Vector2<f64>>,
+    /// Of a sample.
+    variance: f64,
+    accel_sigma: f64,
+}
+
+impl Block {
+    fn new(s: &FlowAndInertia) -> Self {
+        Self {
+            begin: s.time,
+            end: s.time,
+            samples: 1.0,
+            v: s.v_ne,
+            impulse: s.impulse_ne,
+            off: s.reference_ne.map(|v| s.v_ne - v),
+            variance: s.variance,
+            accel_sigma: s.accel_sigma,
+        }
+    }
+
+    fn add(&mut self, s: &FlowAndInertia) {
+        self.samples += 1.0;
+        let part = 1.0 / self.samples;
+        self.end = s.time;
+        self.v += (s.v_ne - self.v) * part;
+        self.impulse += (s.impulse_ne - self.impulse) * part;
+        let off = self.off.zip(s.reference_ne);
+        self.off = off.map(|(off, v)| off + (s.v_ne - v - off) * part);
+        self.variance += (s.variance - self.variance) * part;
+        self.accel_sigma += (s.accel_sigma - self.accel_sigma) * part;
+    }
+
+    fn difference(&self) -> Vector2<f64> {
+        self.v - self.impulse
+    }
+}
+
+/// The newest blocks against earlier ones.
+#[derive(Clone, Copy, Debug)]
+struct Test {
+    /// |Δ(v − I)|² and |ΔI|² over their variance.
+    square: f64,
+    moved: f64,
+    apart: Vector2<f64>,
+    /// Of the earlier ones.
+    then: AutopilotTime,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub(super) struct InertialWitness {
+    blocks: Vec<Block>,
+    open: Option<Block>,
+    epoch: u32,
+    /// Factor on the variance, as it shows.
+    misfit: f64,
+    /// For how long the flow has fitted while it is accused, s, and how much of that the vehicle has moved, s.
+    fits_s: f64,
+    moved_s: f64,
+}
+
+impl InertialWitness {
+    pub(super) fn new() -> Self {
+        Self {
+            blocks: Vec::with_capacity(BLOCKS),
+            open: None,
+            epoch: 0,
+            misfit: MISFIT,
+            fits_s: 0.0,
+            moved_s: 0.0,
+        }
+    }
+
+    /// Nothing of what was compared so far holds any more.
+    pub(super) fn forget(&mut self) {
+        self.blocks.clear();
+        self.open = None;
+        (self.fits_s, self.moved_s) = (0.0, 0.0);
+    }
+
+    /// Takes a flow; `accused`: a finding stands against it. A contradiction when a block that ends with it shows one.
+    pub(super) fn note(&mut self, s: &FlowAndInertia, accused: bool) -> Option<Contradiction> {
+        if s.epoch != self.epoch {
+            self.forget();
+            self.epoch = s.epoch;
+        }
+        let open = match &mut self.open {
+            None => {
+                self.open = Some(Block::new(s));
+                return None;
+            }
+            Some(open) if s.time.seconds_since(open.begin) < BLOCK_S => {
+                open.add(s);
+                return None;
+            }
+            Some(open) => std::mem::replace(open, Block::new(s)),
+        };
+        let gap_s = self.blocks.last().map_or(BLOCK_S, |b| open.begin.seconds_since(b.end));
+        if self.blocks.len() == BLOCKS {
+            self.blocks.remove(0);
+        }
+        self.blocks.push(open);
+        self.judge(accused, gap_s.clamp(0.0, LONGEST_S).max(BLOCK_S))
+    }
+
+    /// Whether an accused flow has proven itself.
+    pub(super) fn follows(&self) -> bool {
+        self.fits_s > FOLLOWED_S && self.moved_s > MOVED_S
+    }
+
+    /// How far it may be off as a block's mean beyond what it says of itself: factor on the variance.
+    fn judge(&mut self, accused: bool, elapsed_s: f64) -> Option<Contradiction> {
+        let (worst, moved) = self.tests()?;
+        let square = worst.square / self.misfit;
+        if accused {
+            if square < FIT {
+                self.fits_s += elapsed_s;
+                self.moved_s += if moved / self.misfit > CONTRADICTS { elapsed_s } else { 0.0 };
+            } else {
+                (self.fits_s, self.moved_s) = (0.0, 0.0);
+            }
+            return None;
+        }
+        (self.fits_s, self.moved_s) = (0.0, 0.0);
+        // The mean of the square is 2 where the variance is right; one that is clipped learns nothing from what is being judged.
+        let clipped = (0.5 * worst.square).min(CLIPPED * self.misfit);
+        self.misfit += (clipped.max(LEAST_MISFIT) - self.misfit) * (elapsed_s / LEARNED_S);
+        let wrong = square > CONTRADICTS && !self.agrees_with_reference();
+        wrong.then_some(Contradiction { fitted: worst.then, apart_ne: worst.apart })
+    }
+
+    /// Whether the newest blocks show GNSS's velocity: two that agree are not wrong together because a third says so.
+    fn agrees_with_reference(&self) -> bool {
+        let newest = &self.blocks[self.blocks.len().saturating_sub(GROUP)..];
+        if newest.len() < GROUP || newest.iter().any(|b| b.off.is_none()) {
+            return false;
+        }
+        let off = median(newest, |b| b.off.unwrap_or_default());
+        let speed = median(newest, |b| b.v - b.off.unwrap_or_default()).norm_squared();
+        let noise = newest.iter().map(|b| b.variance / b.samples).sum::<f64>() / GROUP as f64;
+        let variance = noise + SCALE * SCALE * speed + LEAST_SPEED_SIGMA * LEAST_SPEED_SIGMA;
+        off.norm_squared() < FIT * self.misfit * variance
+    }
+
+    /// The newest group against every earlier one: the one that fits worst, and the most that the vehicle has moved between them.
+    fn tests(&self) -> Option<(Test, f64)> {
+        let split = self.blocks.len().checked_sub(GROUP)?;
+        let newest = &self.blocks[split..];
+        let mut worst: Option<Test> = None;
+        let mut moved = 0.0f64;
+        for earlier in self.blocks[..split].windows(GROUP) {
+            let Some(test) = compare(earlier, newest) else { continue };
+            moved = moved.max(test.moved);
+            if worst.is_none_or(|w| test.square > w.square) {
+                worst = Some(test);
+            }
+        }
+        worst.map(|w| (w, moved))
+    }
+}
+
+/// `None` where they are too far apart, or their blocks are.
+fn compare(earlier: &[Block], newest: &[Block]) -> Option<Test> {
+    let (from, to) = (earlier.first()?, newest.last()?);
+    if to.end.seconds_since(from.begin) > LONGEST_S {
+        return None;
+    }
+    let tau = to.begin.seconds_since(from.begin);
+    let apart = median(newest, Block::difference) - median(earlier, Block::difference);
+    let impulse = median(newest, |b| b.impulse) - median(earlier, |b| b.impulse);
+    let v_then = median(earlier, |b| b.v);
+    let speed = v_then.norm_squared().max((v_then + impulse).norm_squared());
+    let mean = |of: &[Block], f: fn(&Block) -> f64| of.iter().map(f).sum::<f64>() / of.len() as f64;
+    let noise = |b: &Block| b.variance / b.samples;
+    let drift = mean(newest, |b| b.accel_sigma).max(mean(earlier, |b| b.accel_sigma)) * tau;
+    let variance = mean(newest, noise) + mean(earlier, noise) + SCALE * SCALE * speed + drift * drift;
+    Some(Test {
+        square: apart.norm_squared() / variance,
+        moved: impulse.norm_squared() / variance,
+        apart,
+        then: earlier.last()?.begin,
+    })
+}
+
+/// Axis by axis.
+fn median(of: &[Block], f: impl Fn(&Block) -> Vector2<f64>) -> Vector2<f64> {
+    let axis = |i: usize| {
+        let mut values = [0.0; GROUP];
+        for (value, block) in values.iter_mut().zip(of) {
+            *value = f(block)[i];
+        }
+        values.sort_by(f64::total_cmp);
+        values[GROUP / 2]
+    };
+    Vector2::new(axis(0), axis(1))
+}
