@@ -158,8 +158,13 @@ impl FlowCalibration {
 
     /// The vehicle's velocity from a flow velocity at `distance_m` from the ground, body x and y, m/s: the model solved for v.
     pub fn correct(&self, flow_xy: &Vector2<f64>, distance_m: f64) -> Vector2<f64> {
-        let (s, mu) = (self.x[2].max(-0.9), self.x[3]);
-        let v = (flow_xy - self.x.fixed_rows::<2>(0) * distance_m) / (1.0 + s);
+        Self::undo(&self.x, flow_xy, distance_m)
+    }
+
+    /// The same with the errors x = [b_x, b_y, s, μ].
+    pub fn undo(x: &Vector4<f64>, flow_xy: &Vector2<f64>, distance_m: f64) -> Vector2<f64> {
+        let (s, mu) = (x[2].max(-0.9), x[3]);
+        let v = (flow_xy - x.fixed_rows::<2>(0) * distance_m) / (1.0 + s);
         let norm = 1.0 + mu * mu;
         Vector2::new(v.x + mu * v.y, v.y - mu * v.x) / norm
     }

@@ -15,6 +15,7 @@ use super::reset::Reset;
 use super::sources::SourceSet;
 use super::sources::flow::{Finding, MeasuredFlow};
 use super::sources::status::{SourceId, SourceKind};
+use super::verdict::Reason;
 
 /// Whether a sensor repeats itself. When that begins, what it has told since is taken back.
 pub(super) fn repeats(core: &mut Core, sources: &mut SourceSet, s: &FlowSample, index: usize) -> bool {
@@ -27,8 +28,13 @@ pub(super) fn repeats(core: &mut Core, sources: &mut SourceSet, s: &FlowSample, 
     true
 }
 
-/// Whether inertia speaks against a flow.
-pub(super) fn is_wrong(core: &mut Core, sources: &mut SourceSet, m: &MeasuredFlow, index: usize) -> bool {
+/// Whether inertia lets a flow be used.
+pub(super) fn weigh(
+    core: &mut Core,
+    sources: &mut SourceSet,
+    m: &MeasuredFlow,
+    index: usize,
+) -> Result<(), Reason> {
     let context = Context { core, facts: sources.facts(core) };
     let finding = sources.flow.weigh(m, index, &context);
     let source = SourceId { kind: SourceKind::Flow, id: sources.flow.id(index) };
@@ -40,7 +46,7 @@ pub(super) fn is_wrong(core: &mut Core, sources: &mut SourceSet, m: &MeasuredFlo
         Some(Finding::Back) => judge::acquit(core, m.time, source),
         None => {}
     }
-    sources.flow.is_astray(index)
+    sources.flow.stands(index)
 }
 
 /// The filter goes back to `since` and comes forward on inertia; what is published stays where it is and follows.

@@ -352,8 +352,8 @@ impl Navigator {
             Ok(measured) => measured,
             Err(reason) => return Verdict::Rejected(reason),
         };
-        if flow_judge::is_wrong(&mut self.core, &mut self.sources, &measured, index) {
-            return Verdict::Rejected(Reason::Distrusted);
+        if let Err(reason) = flow_judge::weigh(&mut self.core, &mut self.sources, &measured, index) {
+            return Verdict::Rejected(reason);
         }
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let taken = match self.core.mode {

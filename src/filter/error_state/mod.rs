@@ -249,6 +249,11 @@ impl Eskf {
         self.p[(DRAG, DRAG)].max(0.0).sqrt()
     }
 
+    /// Covariance of the flow's [b_x, b_y, s, μ].
+    pub fn flow_covariance(&self) -> SMatrix<f64, 4, 4> {
+        self.p.fixed_view::<4, 4>(FLOW, FLOW).into_owned()
+    }
+
     /// Whether everything is finite. The covariance's part of it is found where the covariance changes, which is not at every sample.
     pub fn is_finite(&self) -> bool {
         self.sound && self.state.is_finite()

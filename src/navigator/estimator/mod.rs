@@ -14,7 +14,7 @@ mod lookback;
 mod observer;
 mod step;
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
 use crate::filter::error_state::{Doubt, EskfMemory, EskfState};
 use crate::filter::{HeadingEstimate, Jitter};
@@ -103,6 +103,11 @@ impl EstimatorStack {
     /// The state of the error-state filter, if it runs.
     pub(super) fn filter_state(&self) -> Option<&EskfState> {
         self.error_state().map(|s| s.filter().state())
+    }
+
+    /// What the error-state filter holds the flow's [b_x, b_y, s, μ] to be, and its covariance.
+    pub(super) fn flow_errors(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
+        self.error_state().map(|s| (s.filter().state().flow, s.filter().flow_covariance()))
     }
 
     /// How well the error-state filter knows the rotor drag, 1/s.

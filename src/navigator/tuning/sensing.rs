@@ -67,7 +67,9 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const ZERO_MEMORY_S: f64 = 1.0;
     /// The calibration that is returned to is as old as this at least, s: a wrong flow is found within that.
     pub(in crate::navigator) const CALIBRATION_KEPT_S: f64 = 5.0;
-    /// A flow that has gone astray is back when it is nearer to the filter's velocity than this part of what it had gone.
+    /// A flow that has gone astray is back when it is nearer to the filter's velocity, in the mean over this long, s, than this part of the most
+    /// that it had gone.
+    pub(in crate::navigator) const OFF_S: f64 = 2.0;
     pub(in crate::navigator) const BACK: f64 = 0.5;
     /// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
     pub(in crate::navigator) const LATENCY_STEP_S: f64 = 0.04;
@@ -115,13 +117,16 @@ pub(in crate::navigator) mod flow_witness {
     /// Inertia is asked over no more than this, s.
     pub(in crate::navigator) const LONGEST_S: f64 = 6.0;
     /// What any flow's scale is off by from one ground to the next.
-    pub(in crate::navigator) const SCALE: f64 = 0.1;
+    pub(in crate::navigator) const SCALE: f64 = 0.05;
     /// Square over its variance beyond which a difference is no accident (two axes, 5 sigma: one in 270 000), and below which it fits (95 %
     /// of those that fit are below 6).
     pub(in crate::navigator) const CONTRADICTS: f64 = 25.0;
     pub(in crate::navigator) const FIT: f64 = 9.0;
-    /// The factor on the variance before it was seen, the least that is believed, the time over which it is learned, s, and how much one difference counts at most.
+    /// What lies between adds up: so much of it, over the time of a group of blocks, is no accident, either.
+    pub(in crate::navigator) const EVIDENCE: f64 = 12.0;
+    /// The factor on the variance before it was seen, how long that counts, s, the least that is believed, the time over which it is learned, s, and how much one difference counts at most.
     pub(in crate::navigator) const MISFIT: f64 = 2.0;
+    pub(in crate::navigator) const PRIOR_S: f64 = 3.0;
     pub(in crate::navigator) const LEAST_MISFIT: f64 = 0.25;
     pub(in crate::navigator) const LEARNED_S: f64 = 30.0;
     pub(in crate::navigator) const CLIPPED: f64 = 4.0;

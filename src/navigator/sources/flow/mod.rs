@@ -4,7 +4,7 @@ mod image;
 mod measure;
 mod witness;
 
-use nalgebra::{Matrix2, Matrix4, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 
 use crate::camera::{CalibrationMemory, Distrust, FlowCalibration};
 use crate::geo::NOMINAL_GRAVITY_MPS2;
@@ -27,7 +27,8 @@ use super::latency::FlowLatency;
 use super::status::SourceHealth;
 use crate::navigator::tuning::flow::{
     BACK, CALIBRATION_KEPT_S, FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA,
-    LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE, STUCK_S, ZERO_MEMORY_S,
+    LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, OFF_S, RELOCK_S, SIGNAL_VARIANCE, STUCK_S,
+    ZERO_MEMORY_S,
 };
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
@@ -50,8 +51,10 @@ pub(in super::super) struct FlowSensor {
     outliers_s: f64,
     same: Option<SameFlow>,
     witness: InertialWitness,
-    /// How far it has gone from inertia, NE, m/s, while that is held against it.
-    astray: Option<Vector2<f64>>,
+    /// How far it has gone from inertia, while that is held against it.
+    astray: Option<Astray>,
+    /// Its errors [b_x, b_y, s, μ] and the variance of the last two together, by which it was weighed last.
+    errors: (Vector4<f64>, f64),
     kept: KeptCalibration,
 }
 
@@ -64,6 +67,26 @@ struct SameFlow {
     /// What the camera has turned by meanwhile, x and y, rad, forgotten in [`ZERO_MEMORY_S`].
     turned: Vector2<f64>,
     stuck: bool,
+}
+
+/// A flow that contradicts inertia, against the filter's velocity: a mean of late, NE, m/s, and the most that was.
+#[derive(Clone, Copy, Debug)]
+struct Astray {
+    off_ne: Vector2<f64>,
+    most_mps: f64,
+}
+
+impl Astray {
+    /// Takes a difference, NE, m/s, `dt` s after the last.
+    fn note(&mut self, off_ne: &Vector2<f64>, dt: f64) {
+        self.off_ne += (off_ne - self.off_ne) * (dt / OFF_S).min(1.0);
+        self.most_mps = self.most_mps.max(self.off_ne.norm());
+    }
+
+    /// Changes that fit do not show a constant error: the flow has to have come back as well.
+    fn is_back(&self) -> bool {
+        self.off_ne.norm() < BACK * self.most_mps
+    }
 }
 
 /// The calibration as it was some seconds ago: what a flow teaches before it is found to be wrong is taken back.
@@ -89,6 +112,7 @@ impl FlowSensor {
             same: None,
             witness: InertialWitness::new(),
             astray: None,
+            errors: (Vector4::zeros(), 0.0),
             kept: KeptCalibration {
                 since: None,
                 older: FlowCalibration::new(settings.calibration),
@@ -293,13 +317,19 @@ impl FlowSource {
     ) -> Option<Finding> {
         let core = context.core;
         let impulse = core.timeline.impulse(m.time)?;
+        let by_filter = core.estimator.flow_errors().filter(|_| self.carrier(core) == Some(index));
         let sensor = &mut self.sensors[index];
         if sensor.astray.is_none() && !sensor.may_carry(core) {
             // Nobody builds on it.
             sensor.witness.forget();
             return None;
         }
-        let corrected = sensor.corrected(m, core.settings.observer.flow_bias);
+        if sensor.astray.is_none() {
+            let own = (*sensor.calibration.estimate(), *sensor.calibration.covariance());
+            let (x, p) = by_filter.unwrap_or(own);
+            sensor.errors = (x, p[(2, 2)] + p[(3, 3)]);
+        }
+        let corrected = FlowCalibration::undo(&sensor.errors.0, &m.v_xy, m.distance_m);
         let in_ned = |v_xy: &Vector2<f64>| (m.r_body_to_ned * m.in_body(v_xy, core.height.climb_mps())).xy();
         let reference = if core.mode == Mode::Aided { gnss_velocity(m, context) } else { None };
         let tilt = core.attitude_variance(&context.facts).xy().max().max(0.0).sqrt();
@@ -312,37 +342,42 @@ impl FlowSource {
                 impulse_ne: impulse.xy(),
                 reference_ne: reference.map(|v_xy| in_ned(&v_xy)),
                 variance: 0.5 * m.noise.trace() * sensor.calibration.noise_factor(),
+                scale_variance: sensor.errors.1,
                 accel_sigma: NOMINAL_GRAVITY_MPS2 * tilt,
                 epoch: core.timeline.epoch(),
             },
             sensor.astray.is_some(),
         );
-        match (finding, sensor.astray) {
+        match (finding, &mut sensor.astray) {
             (Some(contradiction), None) => {
-                sensor.astray = Some(contradiction.apart_ne);
+                let apart_ne = contradiction.apart_ne;
+                sensor.astray = Some(Astray { off_ne: apart_ne, most_mps: apart_ne.norm() });
                 sensor.calibration.clone_from(&sensor.kept.older);
                 sensor.kept.newer.clone_from(&sensor.kept.older);
-                Some(Finding::Astray { since: contradiction.fitted })
+                return Some(Finding::Astray { since: contradiction.fitted });
             }
-            // Where it has gone from inertia, it has to have come back: its changes alone do not show a constant error.
-            (None, Some(apart))
-                if sensor.witness.follows() && (v_ne - v_ned.xy()).norm() < BACK * apart.norm() =>
-            {
-                sensor.astray = None;
-                sensor.witness.forget();
-                Some(Finding::Back)
+            (_, Some(astray)) => {
+                astray.note(&(v_ne - v_ned.xy()), m.interval_s);
+                if sensor.witness.follows() && astray.is_back() {
+                    sensor.astray = None;
+                    sensor.witness.forget();
+                    return Some(Finding::Back);
+                }
             }
-            (None, None) => {
-                sensor.keep_calibration(m.time);
-                None
-            }
-            _ => None,
+            (None, None) if !sensor.witness.is_doubted() => sensor.keep_calibration(m.time),
+            (None, None) => {}
         }
+        None
     }
 
-    /// Whether inertia speaks against a sensor.
-    pub(in super::super) fn is_astray(&self, index: usize) -> bool {
-        self.sensors[index].astray.is_some()
+    /// Whether what a sensor tells can be used at present, going by inertia.
+    pub(in super::super) fn stands(&self, index: usize) -> Result<(), Reason> {
+        let sensor = &self.sensors[index];
+        match sensor.astray {
+            Some(_) => Err(Reason::ContradictsMotion),
+            None if sensor.witness.is_doubted() => Err(Reason::Innovation),
+            None => Ok(()),
+        }
     }
 
     /// The place of a sensor among those that are told apart; `None` when there are too many.

@@ -9,7 +9,7 @@
 //!
 //! σ² = σ_flow² + (ε|v|)² + (σ_a τ)²,
 //!
-//! σ_flow what a block's noise is, ε what any flow's scale is off by from one ground to the next, σ_a the acceleration that a tilt of the
+//! σ_flow what a block's noise is, ε what any flow's scale is off by from one ground to the next and what is not known of this one's, σ_a the acceleration that a tilt of the
 //! filter's own doubt makes of gravity. What real vehicles do beyond that (vibration, terrain, latency) is measured: the mean of the squares over
 //! their variance, while nothing is wrong, is a factor on the variance.
 //!
@@ -21,8 +21,8 @@ use nalgebra::Vector2;
 use crate::time::AutopilotTime;
 
 use crate::navigator::tuning::flow_witness::{
-    BLOCK_S, BLOCKS, CLIPPED, CONTRADICTS, FIT, FOLLOWED_S, GROUP, LEARNED_S, LEAST_MISFIT, LONGEST_S,
-    MISFIT, MOVED_S, SCALE,
+    BLOCK_S, BLOCKS, CLIPPED, CONTRADICTS, EVIDENCE, FIT, FOLLOWED_S, GROUP, LEARNED_S, LEAST_MISFIT,
+    LONGEST_S, MISFIT, MOVED_S, PRIOR_S, SCALE,
 };
 use crate::navigator::tuning::gnss::LEAST_SPEED_SIGMA;
 
@@ -37,6 +37,8 @@ pub(super) struct FlowAndInertia {
     pub(super) reference_ne: Option<Vector2<f64>>,
     /// Of the flow's velocity, an axis, m²/s².
     pub(super) variance: f64,
+    /// Of its scale, and of what it is turned by, together.
+    pub(super) scale_variance: f64,
     /// Standard deviation of the acceleration that the filter's attitude and biases leave, m/s².
     pub(super) accel_sigma: f64,
     /// Whether what the acceleration adds up to was begun anew since the last: any number that is another then.
@@ -65,6 +67,7 @@ struct Block {
     off: Option<Vector2<f64>>,
     /// Of a sample.
     variance: f64,
+    scale_variance: f64,
     accel_sigma: f64,
 }
 
@@ -78,6 +81,7 @@ impl Block {
             impulse: s.impulse_ne,
             off: s.reference_ne.map(|v| s.v_ne - v),
             variance: s.variance,
+            scale_variance: s.scale_variance,
             accel_sigma: s.accel_sigma,
         }
     }
@@ -116,8 +120,12 @@ pub(super) struct InertialWitness {
     blocks: Vec<Block>,
     open: Option<Block>,
     epoch: u32,
-    /// Factor on the variance, as it shows.
+    /// Factor on the variance, as it shows, and over how long that was learned, s.
     misfit: f64,
+    learned_s: f64,
+    /// Evidence of differences that are none of them beyond doubt (Page's cumulative sum), and since when there is any.
+    evidence: f64,
+    doubted: Option<AutopilotTime>,
     /// For how long the flow has fitted while it is accused, s, and how much of that the vehicle has moved, s.
     fits_s: f64,
     moved_s: f64,
@@ -130,6 +138,9 @@ impl InertialWitness {
             open: None,
             epoch: 0,
             misfit: MISFIT,
+            learned_s: PRIOR_S,
+            evidence: 0.0,
+            doubted: None,
             fits_s: 0.0,
             moved_s: 0.0,
         }
@@ -140,6 +151,12 @@ impl InertialWitness {
         self.blocks.clear();
         self.open = None;
         (self.fits_s, self.moved_s) = (0.0, 0.0);
+        (self.evidence, self.doubted) = (0.0, None);
+    }
+
+    /// Whether it does not fit at present, though that may be an accident: it should not teach anything.
+    pub(super) fn is_doubted(&self) -> bool {
+        self.doubted.is_some()
     }
 
     /// Takes a flow; `accused`: a finding stands against it. A contradiction when a block that ends with it shows one.
@@ -181,16 +198,29 @@ impl InertialWitness {
                 self.fits_s += elapsed_s;
                 self.moved_s += if moved / self.misfit > CONTRADICTS { elapsed_s } else { 0.0 };
             } else {
+                // What it told before has no part in whether it follows from now on.
                 (self.fits_s, self.moved_s) = (0.0, 0.0);
+                self.blocks.drain(..self.blocks.len().saturating_sub(1));
             }
             return None;
         }
         (self.fits_s, self.moved_s) = (0.0, 0.0);
         // The mean of the square is 2 where the variance is right; one that is clipped learns nothing from what is being judged.
-        let clipped = (0.5 * worst.square).min(CLIPPED * self.misfit);
-        self.misfit += (clipped.max(LEAST_MISFIT) - self.misfit) * (elapsed_s / LEARNED_S);
-        let wrong = square > CONTRADICTS && !self.agrees_with_reference();
-        wrong.then_some(Contradiction { fitted: worst.then, apart_ne: worst.apart })
+        if !self.is_doubted() {
+            let clipped = (0.5 * worst.square).min(CLIPPED * self.misfit);
+            self.learned_s = (self.learned_s + elapsed_s).min(LEARNED_S);
+            self.misfit += (clipped.max(LEAST_MISFIT) - self.misfit) * (elapsed_s / self.learned_s);
+        }
+        if self.agrees_with_reference() {
+            (self.evidence, self.doubted) = (0.0, None);
+            return None;
+        }
+        self.evidence = (self.evidence + (square - FIT) * (elapsed_s / (BLOCK_S * GROUP as f64))).max(0.0);
+        let since = (self.evidence > 0.0).then(|| self.doubted.unwrap_or(worst.then));
+        self.doubted = since;
+        let wrong = square > CONTRADICTS || self.evidence > EVIDENCE;
+        let fitted = since.map_or(worst.then, |t| t.min(worst.then));
+        wrong.then_some(Contradiction { fitted, apart_ne: worst.apart })
     }
 
     /// Whether the newest blocks show GNSS's velocity: two that agree are not wrong together because a third says so.
@@ -237,7 +267,8 @@ fn compare(earlier: &[Block], newest: &[Block]) -> Option<Test> {
     let mean = |of: &[Block], f: fn(&Block) -> f64| of.iter().map(f).sum::<f64>() / of.len() as f64;
     let noise = |b: &Block| b.variance / b.samples;
     let drift = mean(newest, |b| b.accel_sigma).max(mean(earlier, |b| b.accel_sigma)) * tau;
-    let variance = mean(newest, noise) + mean(earlier, noise) + SCALE * SCALE * speed + drift * drift;
+    let scale = SCALE * SCALE + mean(newest, |b| b.scale_variance);
+    let variance = mean(newest, noise) + mean(earlier, noise) + scale * speed + drift * drift;
     Some(Test {
         square: apart.norm_squared() / variance,
         moved: impulse.norm_squared() / variance,
