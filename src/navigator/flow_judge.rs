@@ -13,7 +13,7 @@ use super::core::Core;
 use super::judge::{self, Charge};
 use super::reset::Reset;
 use super::sources::SourceSet;
-use super::sources::flow::{Finding, MeasuredFlow};
+use super::sources::flow::{FlowFinding, MeasuredFlow};
 use super::sources::status::{SourceId, SourceKind};
 use super::verdict::Reason;
 
@@ -36,14 +36,14 @@ pub(super) fn weigh(
     index: usize,
 ) -> Result<(), Reason> {
     let context = Context { core, facts: sources.facts(core) };
-    let finding = sources.flow.weigh(m, index, &context);
+    let finding = sources.flow.weigh(m, index, &sources.drag, &context);
     let source = SourceId { kind: SourceKind::Flow, id: sources.flow.id(index) };
     match finding {
-        Some(Finding::Astray { since }) => {
+        Some(FlowFinding::Astray { since }) => {
             judge::accuse(core, m.time, source, Charge::ContradictsInertia);
             take_back(core, since);
         }
-        Some(Finding::Back) => judge::acquit(core, m.time, source),
+        Some(FlowFinding::Back) => judge::acquit(core, m.time, source),
         None => {}
     }
     sources.flow.stands(index)

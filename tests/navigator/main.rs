@@ -22,6 +22,8 @@ mod believed;
 mod dead_reckoning;
 mod holes;
 mod hostile;
+mod judged;
+
 mod lacking;
 mod modes;
 mod patches;

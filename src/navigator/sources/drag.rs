@@ -19,7 +19,9 @@ use super::super::observation::{Fused, Observation};
 use super::super::reset::Reset;
 use super::super::settings::Estimator;
 use super::super::solution::{Mode, VelocitySource};
-use crate::navigator::tuning::drag::{AGE_S, KNOWN, LASTING_S, LEAST_DRAG, MEAN_S, PERIOD_S, SPREAD_S};
+use crate::navigator::tuning::drag::{
+    AGE_S, KNOWN, LASTING_S, LATELY_S, LEAST_DRAG, MEAN_S, PERIOD_S, SPREAD_S,
+};
 
 /// Settings of the rotor drag.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,13 +76,15 @@ struct DragMean {
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct DragSource {
     mean: DragMean,
+    /// The force of the last second, m/s².
+    lately: Option<Vector2<f64>>,
     error: DragError,
     used: Option<AutopilotTime>,
 }
 
 impl DragSource {
     pub(super) fn new(settings: &DragSettings) -> Self {
-        Self { mean: DragMean::default(), error: DragError::new(settings), used: None }
+        Self { mean: DragMean::default(), lately: None, error: DragError::new(settings), used: None }
     }
 
     /// When it last corrected the velocity.
@@ -117,6 +121,8 @@ impl DragSource {
         let (force_xy, air_body, seconds) =
             (mean.force / mean.seconds, mean.air / mean.seconds, mean.seconds);
         *mean = DragMean::default();
+        let lately = self.lately.get_or_insert(force_xy);
+        *lately += (force_xy - *lately) * (seconds / LATELY_S).min(1.0);
         // A flow that carries knows the velocity better than gusts let the drag know it.
         if core.dead_reckoning() && core.outage.source() == VelocitySource::Flow {
             return None;
@@ -136,8 +142,28 @@ impl DragSource {
             return;
         }
         let drag = estimator.filter_state().map(|s| s.drag).zip(estimator.drag_sigma());
-        let known = drag.is_some_and(|(drag, sigma)| drag > LEAST_DRAG.max(KNOWN * sigma));
+        let known = drag.is_some_and(|(drag, sigma)| is_known(drag, sigma));
         self.used = known.then_some(now);
+    }
+
+    /// Which of two velocities, NED, m/s, the force of the last second speaks for: by how much the square of its deviation over the variance is
+    /// less with the first. `None` where the drag is not known.
+    pub(in super::super) fn speaks_for(
+        &self,
+        context: &Context<'_>,
+        first_ned: &Vector3<f64>,
+        second_ned: &Vector3<f64>,
+    ) -> Option<f64> {
+        let estimator = &context.core.estimator;
+        let (state, sigma) = estimator.filter_state().zip(estimator.drag_sigma())?;
+        let force_xy = self.lately.filter(|_| is_known(state.drag, sigma))?;
+        let wind = Vector3::new(state.wind_ne.x, state.wind_ne.y, 0.0);
+        let square = |v_ned: &Vector3<f64>| {
+            let air_body = state.r_body_to_ned.tr_mul(&(v_ned - wind));
+            let off = estimator.drag_innovation(&force_xy, &air_body)?;
+            Some(off.norm_squared() / self.error.spread.max(context.core.settings.drag.sigma_mps2.powi(2)))
+        };
+        Some(square(second_ned)? - square(first_ned)?)
     }
 
     /// Mean square of what is wrong with the force for some time, m²/s⁴.
@@ -153,7 +179,7 @@ impl DragSource {
     }
 
     fn forget(&mut self) {
-        (self.mean, self.used) = (DragMean::default(), None);
+        (self.mean, self.used, self.lately) = (DragMean::default(), None, None);
     }
 
     pub(super) fn reset(&mut self, reset: &Reset) {
@@ -161,6 +187,11 @@ impl DragSource {
             self.forget();
         }
     }
+}
+
+/// Whether a drag that is known to this, 1/s, tells a velocity.
+fn is_known(drag: f64, sigma: f64) -> bool {
+    drag > LEAST_DRAG.max(KNOWN * sigma)
 }
 
 /// Whether the drag carries the velocity at present.

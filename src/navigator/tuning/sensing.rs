@@ -40,6 +40,8 @@ pub(in crate::navigator) mod drag {
     pub(in crate::navigator) const SPREAD_S: f64 = 60.0;
     /// … and what they show lasts this long, s.
     pub(in crate::navigator) const LASTING_S: f64 = 30.0;
+    /// As a witness it is asked for the mean of this long, s.
+    pub(in crate::navigator) const LATELY_S: f64 = 1.0;
     /// Drag carries the velocity for this long, s, …
     pub(in crate::navigator) const AGE_S: f64 = 1.0;
     /// … and when it is there at all, 1/s, and known this many times better than it is large.
@@ -67,6 +69,8 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const ZERO_MEMORY_S: f64 = 1.0;
     /// The calibration that is returned to is as old as this at least, s: a wrong flow is found within that.
     pub(in crate::navigator) const CALIBRATION_KEPT_S: f64 = 5.0;
+    /// Rotor drag speaks for a flow and against inertia where the squares of the deviations differ by so much (2 sigma).
+    pub(in crate::navigator) const SPEAKS: f64 = 4.0;
     /// A flow that has gone astray is back when it is nearer to the filter's velocity, in the mean over this long, s, than this part of the most
     /// that it had gone.
     pub(in crate::navigator) const OFF_S: f64 = 2.0;

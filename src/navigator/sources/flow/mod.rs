@@ -7,7 +7,7 @@ mod witness;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 
 use crate::camera::{CalibrationMemory, Distrust, FlowCalibration};
-use crate::geo::NOMINAL_GRAVITY_MPS2;
+use crate::geo::{NOMINAL_GRAVITY_MPS2, so3};
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::FlowSample;
@@ -22,12 +22,14 @@ use super::super::observation::Observation;
 use super::super::reset::Reset;
 use super::super::settings::{Estimator, FlowBiasSource, FlowSettings};
 use super::super::solution::Mode;
+use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
+use super::drag::DragSource;
 use super::latency::FlowLatency;
-use super::status::SourceHealth;
+use super::status::{SourceHealth, SourceId, SourceKind};
 use crate::navigator::tuning::flow::{
     BACK, CALIBRATION_KEPT_S, FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA,
-    LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, OFF_S, RELOCK_S, SIGNAL_VARIANCE, STUCK_S,
+    LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, OFF_S, RELOCK_S, SIGNAL_VARIANCE, SPEAKS, STUCK_S,
     ZERO_MEMORY_S,
 };
 use image::ImageAssembly;
@@ -56,6 +58,30 @@ pub(in super::super) struct FlowSensor {
     /// Its errors [b_x, b_y, s, μ] and the variance of the last two together, by which it was weighed last.
     errors: (Vector4<f64>, f64),
     kept: KeptCalibration,
+    heading: HeadingByGyro,
+}
+
+/// What the gyros have turned the heading by since some time, rad, and the last sample's time.
+#[derive(Clone, Copy, Debug, Default)]
+struct HeadingByGyro {
+    last: Option<AutopilotTime>,
+    turned: f64,
+}
+
+impl HeadingByGyro {
+    /// What the heading was corrected by since some time, when it was turned to `r_body_to_ned`, rad.
+    fn corrected(&mut self, m: &MeasuredFlow, timeline: &Timeline) -> f64 {
+        let r = &m.r_body_to_ned;
+        if let Some(last) = self.last.replace(m.time)
+            && let Some(rate_body) = timeline.mean_rate(last, m.time)
+        {
+            self.turned += (r * rate_body).z * m.time.seconds_since(last).max(0.0);
+        }
+        let corrected = so3::wrap_pi(r[(1, 0)].atan2(r[(0, 0)]) - self.turned);
+        // Far from ±π, so that means of it are means.
+        self.turned += if corrected.abs() > 1.0 { corrected } else { 0.0 };
+        if corrected.abs() > 1.0 { 0.0 } else { corrected }
+    }
 }
 
 /// The same flow, told again and again.
@@ -113,6 +139,7 @@ impl FlowSensor {
             witness: InertialWitness::new(),
             astray: None,
             errors: (Vector4::zeros(), 0.0),
+            heading: HeadingByGyro::default(),
             kept: KeptCalibration {
                 since: None,
                 older: FlowCalibration::new(settings.calibration),
@@ -235,7 +262,7 @@ pub(in super::super) struct Comparison {
 
 /// What inertia says of a flow sensor that is news.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in super::super) enum Finding {
+pub(in super::super) enum FlowFinding {
     /// It contradicts inertia; until then it still fitted.
     Astray { since: AutopilotTime },
     /// It follows inertia again.
@@ -313,9 +340,17 @@ impl FlowSource {
         &mut self,
         m: &MeasuredFlow,
         index: usize,
+        drag: &DragSource,
         context: &Context<'_>,
-    ) -> Option<Finding> {
+    ) -> Option<FlowFinding> {
         let core = context.core;
+        let inertial = SourceId::only(SourceKind::Imu);
+        if core.statuses.charge(inertial).is_some_and(|charge| charge.health() == SourceHealth::Faulty) {
+            // The witness is a liar: what it has said does not hold.
+            let sensor = &mut self.sensors[index];
+            sensor.witness.forget();
+            return sensor.astray.take().map(|_| FlowFinding::Back);
+        }
         let impulse = core.timeline.impulse(m.time)?;
         let by_filter = core.estimator.flow_errors().filter(|_| self.carrier(core) == Some(index));
         let sensor = &mut self.sensors[index];
@@ -344,24 +379,35 @@ impl FlowSource {
                 variance: 0.5 * m.noise.trace() * sensor.calibration.noise_factor(),
                 scale_variance: sensor.errors.1,
                 accel_sigma: NOMINAL_GRAVITY_MPS2 * tilt,
+                corrected: sensor.heading.corrected(m, &core.timeline),
                 epoch: core.timeline.epoch(),
             },
             sensor.astray.is_some(),
         );
         match (finding, &mut sensor.astray) {
             (Some(contradiction), None) => {
+                let level = |v_ne: Vector2<f64>| Vector3::new(v_ne.x, v_ne.y, v_ned.z);
+                let by_inertia = level(contradiction.v_ne - contradiction.apart_ne);
+                if drag
+                    .speaks_for(context, &level(contradiction.v_ne), &by_inertia)
+                    .is_some_and(|s| s > SPEAKS)
+                {
+                    // Two against one: it is inertia that has gone.
+                    sensor.witness.forget();
+                    return None;
+                }
                 let apart_ne = contradiction.apart_ne;
                 sensor.astray = Some(Astray { off_ne: apart_ne, most_mps: apart_ne.norm() });
                 sensor.calibration.clone_from(&sensor.kept.older);
                 sensor.kept.newer.clone_from(&sensor.kept.older);
-                return Some(Finding::Astray { since: contradiction.fitted });
+                return Some(FlowFinding::Astray { since: contradiction.fitted });
             }
             (_, Some(astray)) => {
                 astray.note(&(v_ne - v_ned.xy()), m.interval_s);
                 if sensor.witness.follows() && astray.is_back() {
                     sensor.astray = None;
                     sensor.witness.forget();
-                    return Some(Finding::Back);
+                    return Some(FlowFinding::Back);
                 }
             }
             (None, None) if !sensor.witness.is_doubted() => sensor.keep_calibration(m.time),

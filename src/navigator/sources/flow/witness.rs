@@ -13,6 +13,8 @@
 //! filter's own doubt makes of gravity. What real vehicles do beyond that (vibration, terrain, latency) is measured: the mean of the squares over
 //! their variance, while nothing is wrong, is a factor on the variance.
 //!
+//! A heading that is corrected meanwhile turns v against I; by how much is known, and adds to ε.
+//!
 //! A finding is over when the differences have fitted for some seconds in which the vehicle's velocity has changed by more than they may be
 //! wrong by: a flow that shows zero of a hover fits, and proves nothing.
 
@@ -41,6 +43,8 @@ pub(super) struct FlowAndInertia {
     pub(super) scale_variance: f64,
     /// Standard deviation of the acceleration that the filter's attitude and biases leave, m/s².
     pub(super) accel_sigma: f64,
+    /// What the heading has been corrected by since some time, rad: it turns the one velocity against the other.
+    pub(super) corrected: f64,
     /// Whether what the acceleration adds up to was begun anew since the last: any number that is another then.
     pub(super) epoch: u32,
 }
@@ -50,13 +54,14 @@ pub(super) struct FlowAndInertia {
 pub(super) struct Contradiction {
     /// The flow still fitted then.
     pub(super) fitted: AutopilotTime,
-    /// How far the flow has gone from inertia since, NE, m/s.
+    /// What the flow shows now, and how far that has gone from inertia since, NE, m/s.
+    pub(super) v_ne: Vector2<f64>,
     pub(super) apart_ne: Vector2<f64>,
 }
 
 /// Means over a block.
 #[derive(Clone, Copy, Debug)]
-struct Block {
+struct VelocityBlock {
     begin: AutopilotTime,
     /// Of the last sample.
     end: AutopilotTime,
@@ -69,9 +74,10 @@ struct Block {
     variance: f64,
     scale_variance: f64,
     accel_sigma: f64,
+    corrected: f64,
 }
 
-impl Block {
+impl VelocityBlock {
     fn new(s: &FlowAndInertia) -> Self {
         Self {
             begin: s.time,
@@ -83,6 +89,7 @@ impl Block {
             variance: s.variance,
             scale_variance: s.scale_variance,
             accel_sigma: s.accel_sigma,
+            corrected: s.corrected,
         }
     }
 
@@ -95,6 +102,7 @@ impl Block {
         let off = self.off.zip(s.reference_ne);
         self.off = off.map(|(off, v)| off + (s.v_ne - v - off) * part);
         self.variance += (s.variance - self.variance) * part;
+        self.corrected += (s.corrected - self.corrected) * part;
         self.accel_sigma += (s.accel_sigma - self.accel_sigma) * part;
     }
 
@@ -109,6 +117,7 @@ struct Test {
     /// |Δ(v − I)|² and |ΔI|² over their variance.
     square: f64,
     moved: f64,
+    v: Vector2<f64>,
     apart: Vector2<f64>,
     /// Of the earlier ones.
     then: AutopilotTime,
@@ -117,8 +126,8 @@ struct Test {
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub(super) struct InertialWitness {
-    blocks: Vec<Block>,
-    open: Option<Block>,
+    blocks: Vec<VelocityBlock>,
+    open: Option<VelocityBlock>,
     epoch: u32,
     /// Factor on the variance, as it shows, and over how long that was learned, s.
     misfit: f64,
@@ -167,14 +176,14 @@ impl InertialWitness {
         }
         let open = match &mut self.open {
             None => {
-                self.open = Some(Block::new(s));
+                self.open = Some(VelocityBlock::new(s));
                 return None;
             }
             Some(open) if s.time.seconds_since(open.begin) < BLOCK_S => {
                 open.add(s);
                 return None;
             }
-            Some(open) => std::mem::replace(open, Block::new(s)),
+            Some(open) => std::mem::replace(open, VelocityBlock::new(s)),
         };
         let gap_s = self.blocks.last().map_or(BLOCK_S, |b| open.begin.seconds_since(b.end));
         if self.blocks.len() == BLOCKS {
@@ -220,7 +229,7 @@ impl InertialWitness {
         self.doubted = since;
         let wrong = square > CONTRADICTS || self.evidence > EVIDENCE;
         let fitted = since.map_or(worst.then, |t| t.min(worst.then));
-        wrong.then_some(Contradiction { fitted, apart_ne: worst.apart })
+        wrong.then_some(Contradiction { fitted, v_ne: worst.v, apart_ne: worst.apart })
     }
 
     /// Whether the newest blocks show GNSS's velocity: two that agree are not wrong together because a third says so.
@@ -254,31 +263,34 @@ impl InertialWitness {
 }
 
 /// `None` where they are too far apart, or their blocks are.
-fn compare(earlier: &[Block], newest: &[Block]) -> Option<Test> {
+fn compare(earlier: &[VelocityBlock], newest: &[VelocityBlock]) -> Option<Test> {
     let (from, to) = (earlier.first()?, newest.last()?);
     if to.end.seconds_since(from.begin) > LONGEST_S {
         return None;
     }
     let tau = to.begin.seconds_since(from.begin);
-    let apart = median(newest, Block::difference) - median(earlier, Block::difference);
+    let apart = median(newest, VelocityBlock::difference) - median(earlier, VelocityBlock::difference);
     let impulse = median(newest, |b| b.impulse) - median(earlier, |b| b.impulse);
     let v_then = median(earlier, |b| b.v);
     let speed = v_then.norm_squared().max((v_then + impulse).norm_squared());
-    let mean = |of: &[Block], f: fn(&Block) -> f64| of.iter().map(f).sum::<f64>() / of.len() as f64;
-    let noise = |b: &Block| b.variance / b.samples;
+    let mean =
+        |of: &[VelocityBlock], f: fn(&VelocityBlock) -> f64| of.iter().map(f).sum::<f64>() / of.len() as f64;
+    let noise = |b: &VelocityBlock| b.variance / b.samples;
     let drift = mean(newest, |b| b.accel_sigma).max(mean(earlier, |b| b.accel_sigma)) * tau;
-    let scale = SCALE * SCALE + mean(newest, |b| b.scale_variance);
+    let turned = mean(newest, |b| b.corrected) - mean(earlier, |b| b.corrected);
+    let scale = SCALE * SCALE + turned * turned + mean(newest, |b| b.scale_variance);
     let variance = mean(newest, noise) + mean(earlier, noise) + scale * speed + drift * drift;
     Some(Test {
         square: apart.norm_squared() / variance,
         moved: impulse.norm_squared() / variance,
+        v: median(newest, |b| b.v),
         apart,
         then: earlier.last()?.begin,
     })
 }
 
 /// Axis by axis.
-fn median(of: &[Block], f: impl Fn(&Block) -> Vector2<f64>) -> Vector2<f64> {
+fn median(of: &[VelocityBlock], f: impl Fn(&VelocityBlock) -> Vector2<f64>) -> Vector2<f64> {
     let axis = |i: usize| {
         let mut values = [0.0; GROUP];
         for (value, block) in values.iter_mut().zip(of) {
@@ -288,4 +300,106 @@ fn median(of: &[Block], f: impl Fn(&Block) -> Vector2<f64>) -> Vector2<f64> {
         values[GROUP / 2]
     };
     Vector2::new(axis(0), axis(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A flight of accelerations along north, with a flow that tells `told` of the velocity; the witness, and when it contradicted first, s.
+    fn fly(
+        seconds: f64,
+        accel: impl Fn(f64) -> f64,
+        told: impl Fn(f64, f64) -> f64,
+    ) -> (InertialWitness, Option<f64>) {
+        let mut witness = InertialWitness::new();
+        let (mut v, mut at) = (0.0, None);
+        let dt = 0.05;
+        for k in 0..(seconds / dt) as u32 {
+            let t = f64::from(k) * dt;
+            v += accel(t) * dt;
+            // What real flows scatter by.
+            let scatter = 0.2 * f64::from(k * 7919 % 13).sin();
+            let s = FlowAndInertia {
+                time: AutopilotTime::from_micros((t * 1e6) as i64),
+                v_ne: Vector2::new(told(t, v) + scatter, scatter),
+                impulse_ne: Vector2::new(v + 3.0 + 0.02 * t, 0.01 * t),
+                reference_ne: None,
+                variance: 0.04,
+                scale_variance: 0.0004,
+                accel_sigma: 0.03,
+                corrected: 0.0,
+                epoch: 1,
+            };
+            if witness.note(&s, at.is_some()).is_some() {
+                at.get_or_insert(t);
+            }
+        }
+        (witness, at)
+    }
+
+    /// To and fro with up to 6 m/s.
+    fn to_and_fro(t: f64) -> f64 {
+        2.4 * (0.4 * t).cos()
+    }
+
+    #[test]
+    fn a_flow_that_follows_inertia_is_never_contradicted() {
+        let (witness, at) = fly(600.0, to_and_fro, |_, v| 0.97 * v);
+        assert_eq!(at, None);
+        assert!(!witness.is_doubted());
+    }
+
+    #[test]
+    fn zero_and_wrong_scale_and_sign_and_bias_are_seen_within_three_seconds_of_motion() {
+        type Told = fn(f64) -> f64;
+        let wrong: [(&str, Told); 5] = [
+            ("zero", |_| 0.0),
+            ("double", |v| 2.0 * v),
+            ("half", |v| 0.5 * v),
+            ("turned round", |v| -v),
+            ("biased", |v| v + 2.0),
+        ];
+        for (name, told) in wrong {
+            let (_, at) = fly(80.0, to_and_fro, |t, v| if t < 60.0 { v } else { told(v) });
+            assert!(at.is_some_and(|t| (60.0..63.0).contains(&t)), "{name}: {at:?}");
+        }
+    }
+
+    #[test]
+    fn a_zero_in_a_hover_is_right_until_the_vehicle_moves() {
+        let hovers = |t: f64| if t < 90.0 { 0.0 } else { 1.0 };
+        let (_, at) = fly(95.0, hovers, |t, v| if t < 30.0 { v } else { 0.0 });
+        assert!(at.is_some_and(|t| (90.0..93.0).contains(&t)), "{at:?}");
+    }
+
+    #[test]
+    fn it_follows_again_only_by_moving() {
+        let rests = |t: f64| if t < 80.0 { to_and_fro(t) } else { 0.0 };
+        let zero = |t: f64, v: f64| if (60.0..85.0).contains(&t) { 0.0 } else { v };
+        let (witness, at) = fly(120.0, rests, zero);
+        assert!(at.is_some() && !witness.follows());
+        let (witness, at) = fly(95.0, to_and_fro, zero);
+        assert!(at.is_some() && witness.follows());
+    }
+
+    #[test]
+    fn another_epoch_begins_anew() {
+        let mut witness = InertialWitness::new();
+        for k in 0..400u32 {
+            let t = f64::from(k) * 0.05;
+            let s = FlowAndInertia {
+                time: AutopilotTime::from_micros((t * 1e6) as i64),
+                v_ne: Vector2::zeros(),
+                impulse_ne: Vector2::repeat(if k < 200 { 0.0 } else { 50.0 }),
+                reference_ne: None,
+                variance: 0.04,
+                scale_variance: 0.0,
+                accel_sigma: 0.03,
+                corrected: 0.0,
+                epoch: u32::from(k >= 200),
+            };
+            assert_eq!(witness.note(&s, false), None, "{k}");
+        }
+    }
 }

@@ -1,0 +1,100 @@
+//! Faults of sensors put into recorded flights: charged while they matter, no confident lie from them, and taken back when they are over.
+
+use std::path::Path;
+
+use holdover::config::{Settings, Sources};
+use holdover::fault::InjectedFault;
+use holdover::navigator::event::EventKind;
+use holdover::navigator::sources::status::SourceKind;
+use holdover::replay::log::Log;
+use holdover::replay::runner::Runner;
+
+/// What came of a flight with a fault.
+struct Judged {
+    /// When the sensor was charged and when it was acquitted, s.
+    accused: Vec<f64>,
+    acquitted: Vec<f64>,
+    /// Horizontal error at the end of the outage and the greatest, and sigma at its end, m; altitude error, RMS, m.
+    error_m: f64,
+    worst_m: f64,
+    sigma_m: f64,
+    altitude_m: f64,
+}
+
+fn fly(name: &str, outage: (f64, f64), faults: &[&str], kind: SourceKind) -> Judged {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sitl-logs").join(format!("{name}.tlog"));
+    let settings = Settings::load(&Sources::default()).unwrap().pipeline;
+    let log = Log::open(&path, None).unwrap();
+    let mut runner = Runner::new(&settings, &[outage]);
+    let faults: Vec<InjectedFault> = faults.iter().map(|f| f.parse().unwrap()).collect();
+    runner.set_faults(faults, 1);
+    runner.pipeline.follow(log.vehicle());
+    log.play(
+        |_, _| {},
+        |clock, item| {
+            runner.take(clock, item);
+        },
+    )
+    .unwrap();
+    let told = |charged: bool| {
+        let of = |kind_of: &EventKind| match kind_of {
+            EventKind::Accused(source, _) => charged && source.kind == kind,
+            EventKind::Acquitted(source) => !charged && source.kind == kind,
+            _ => false,
+        };
+        runner.events().iter().filter(|(_, e)| of(&e.kind)).map(|(t, _)| *t).collect()
+    };
+    let outcome = runner.outcome();
+    let report = outcome.outages[0];
+    Judged {
+        accused: told(true),
+        acquitted: told(false),
+        error_m: report.horizontal_error_end_m.unwrap(),
+        worst_m: report.horizontal_error_max_m.unwrap(),
+        sigma_m: report.sigma_end_m.unwrap(),
+        altitude_m: report.altitude_rmse_m.unwrap(),
+    }
+}
+
+/// A square is flown with 6 to 9 m/s in this outage of it; the fault begins and ends in motion.
+const SQUARES: &str = "ardupilot-copter-baro-faults";
+const SQUARE_S: (f64, f64) = (80.0, 130.0);
+
+#[test]
+fn a_flow_that_goes_wrong_in_an_outage_is_told_does_no_more_harm_than_none_and_comes_back() {
+    let whole = fly(SQUARES, SQUARE_S, &[], SourceKind::Flow);
+    assert!(whole.accused.is_empty() && whole.error_m < 4.0, "{:?} {}", whole.accused, whole.error_m);
+    // As long without it as a fault and the way back take.
+    let without = fly(SQUARES, SQUARE_S, &["flow:drop@90..120"], SourceKind::Flow);
+    for kind in ["zero", "freeze", "scale=2", "scale=0.5", "flip", "bias=0.2"] {
+        let judged = fly(SQUARES, SQUARE_S, &[&format!("flow:{kind}@90..110")], SourceKind::Flow);
+        assert!(
+            judged.accused.first().is_some_and(|t| (90.0..93.1).contains(t)),
+            "{kind}: {:?}",
+            judged.accused
+        );
+        assert!(
+            judged.acquitted.first().is_some_and(|t| (110.0..122.0).contains(t)),
+            "{kind}: {:?}",
+            judged.acquitted
+        );
+        assert!(judged.worst_m < 2.0 * without.worst_m, "{kind}: {} {}", judged.worst_m, without.worst_m);
+        assert!(judged.error_m < 3.0 * judged.sigma_m, "{kind}: {} {}", judged.error_m, judged.sigma_m);
+    }
+}
+
+#[test]
+fn a_flow_that_goes_wrong_with_gnss_does_not_bend_its_calibration() {
+    let outage = (300.0, 360.0);
+    let whole = fly(SQUARES, outage, &[], SourceKind::Flow);
+    for kind in ["scale=0.5", "zero"] {
+        let judged = fly(SQUARES, outage, &[&format!("flow:{kind}@245..275")], SourceKind::Flow);
+        assert!(
+            judged.accused.first().is_some_and(|t| (245.0..260.0).contains(t)),
+            "{kind}: {:?}",
+            judged.accused
+        );
+        assert_eq!(judged.accused.len(), judged.acquitted.len(), "{kind}");
+        assert!(judged.error_m < whole.error_m + 2.0, "{kind}: {} {}", judged.error_m, whole.error_m);
+    }
+}
