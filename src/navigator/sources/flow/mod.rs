@@ -1,5 +1,6 @@
 //! Optical flow: compared with GNSS while there is GNSS, the carrier of the velocity when there is none.
 
+mod charged;
 mod image;
 mod measure;
 mod witness;
@@ -7,7 +8,6 @@ mod witness;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 
 use crate::camera::{CalibrationMemory, Distrust, FlowCalibration};
-use crate::geo::{NOMINAL_GRAVITY_MPS2, so3};
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::FlowSample;
@@ -22,21 +22,20 @@ use super::super::observation::Observation;
 use super::super::reset::Reset;
 use super::super::settings::{Estimator, FlowBiasSource, FlowSettings};
 use super::super::solution::Mode;
-use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
-use super::drag::DragSource;
 use super::latency::FlowLatency;
-use super::status::{SourceHealth, SourceId, SourceKind};
+use super::status::SourceHealth;
 use crate::navigator::tuning::flow::{
-    BACK, CALIBRATION_KEPT_S, FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA,
-    LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, OFF_S, RELOCK_S, SIGNAL_VARIANCE, SPEAKS, STUCK_S,
-    ZERO_MEMORY_S,
+    FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA, LATENCY_STEP_S,
+    LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE,
 };
+pub(in super::super) use charged::FlowFinding;
+use charged::{Astray, HeadingByGyro, KeptCalibration, SameFlow};
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
 use measure::FlowCorrection;
 pub(in super::super) use measure::MeasuredFlow;
-use witness::{FlowAndInertia, InertialWitness};
+use witness::InertialWitness;
 
 /// One flow sensor.
 #[derive(Clone, Debug)]
@@ -61,69 +60,6 @@ pub(in super::super) struct FlowSensor {
     heading: HeadingByGyro,
 }
 
-/// What the gyros have turned the heading by since some time, rad, and the last sample's time.
-#[derive(Clone, Copy, Debug, Default)]
-struct HeadingByGyro {
-    last: Option<AutopilotTime>,
-    turned: f64,
-}
-
-impl HeadingByGyro {
-    /// What the heading was corrected by since some time, when it was turned to `r_body_to_ned`, rad.
-    fn corrected(&mut self, m: &MeasuredFlow, timeline: &Timeline) -> f64 {
-        let r = &m.r_body_to_ned;
-        if let Some(last) = self.last.replace(m.time)
-            && let Some(rate_body) = timeline.mean_rate(last, m.time)
-        {
-            self.turned += (r * rate_body).z * m.time.seconds_since(last).max(0.0);
-        }
-        let corrected = so3::wrap_pi(r[(1, 0)].atan2(r[(0, 0)]) - self.turned);
-        // Far from ±π, so that means of it are means.
-        self.turned += if corrected.abs() > 1.0 { corrected } else { 0.0 };
-        if corrected.abs() > 1.0 { 0.0 } else { corrected }
-    }
-}
-
-/// The same flow, told again and again.
-#[derive(Clone, Copy, Debug)]
-struct SameFlow {
-    since: AutopilotTime,
-    last: AutopilotTime,
-    rate_xy: [f64; 2],
-    /// What the camera has turned by meanwhile, x and y, rad, forgotten in [`ZERO_MEMORY_S`].
-    turned: Vector2<f64>,
-    stuck: bool,
-}
-
-/// A flow that contradicts inertia, against the filter's velocity: a mean of late, NE, m/s, and the most that was.
-#[derive(Clone, Copy, Debug)]
-struct Astray {
-    off_ne: Vector2<f64>,
-    most_mps: f64,
-}
-
-impl Astray {
-    /// Takes a difference, NE, m/s, `dt` s after the last.
-    fn note(&mut self, off_ne: &Vector2<f64>, dt: f64) {
-        self.off_ne += (off_ne - self.off_ne) * (dt / OFF_S).min(1.0);
-        self.most_mps = self.most_mps.max(self.off_ne.norm());
-    }
-
-    /// Changes that fit do not show a constant error: the flow has to have come back as well.
-    fn is_back(&self) -> bool {
-        self.off_ne.norm() < BACK * self.most_mps
-    }
-}
-
-/// The calibration as it was some seconds ago: what a flow teaches before it is found to be wrong is taken back.
-#[derive(Clone, Debug)]
-struct KeptCalibration {
-    since: Option<AutopilotTime>,
-    /// The older is at least [`CALIBRATION_KEPT_S`] old.
-    older: FlowCalibration,
-    newer: FlowCalibration,
-}
-
 impl FlowSensor {
     fn new(id: u8, settings: &FlowSettings) -> Self {
         Self {
@@ -145,39 +81,6 @@ impl FlowSensor {
                 older: FlowCalibration::new(settings.calibration),
                 newer: FlowCalibration::new(settings.calibration),
             },
-        }
-    }
-
-    /// Since when it has told the same numbers, if that is longer than noise lets it. Zero is what sensors tell that see nothing move; but no
-    /// image stands still while the camera turns by more than the sensor's noise (`rate_xy`, rad/s, where the flow has the rotation in it).
-    fn repeats(
-        &mut self,
-        s: &FlowSample,
-        rate_xy: Option<Vector2<f64>>,
-        noise_radps: f64,
-    ) -> Option<AutopilotTime> {
-        let Some(same) = self.same.as_mut().filter(|same| same.rate_xy == s.rate_xy) else {
-            let (time, rate_xy) = (s.time, s.rate_xy);
-            self.same =
-                Some(SameFlow { since: time, last: time, rate_xy, turned: Vector2::zeros(), stuck: false });
-            return None;
-        };
-        let dt = s.time.seconds_since(same.last).clamp(0.0, LONGEST_INTERVAL_S);
-        same.last = s.time;
-        same.turned = same.turned * (-dt / ZERO_MEMORY_S).exp() + rate_xy.unwrap_or_default() * dt;
-        let turns = same.turned.norm() > noise_radps * ZERO_MEMORY_S;
-        let stands = same.rate_xy == [0.0; 2] && !turns;
-        same.stuck |= !stands && s.time.seconds_since(same.since) > STUCK_S;
-        same.stuck.then_some(same.since)
-    }
-
-    /// The calibration is kept while nothing speaks against it.
-    fn keep_calibration(&mut self, now: AutopilotTime) {
-        let kept = &mut self.kept;
-        if kept.since.is_none_or(|t| now.seconds_since(t) > CALIBRATION_KEPT_S) {
-            kept.since = Some(now);
-            kept.older.clone_from(&kept.newer);
-            kept.newer.clone_from(&self.calibration);
         }
     }
 
@@ -260,15 +163,6 @@ pub(in super::super) struct Comparison {
     pub(in super::super) event: Option<EventKind>,
 }
 
-/// What inertia says of a flow sensor that is news.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(in super::super) enum FlowFinding {
-    /// It contradicts inertia; until then it still fitted.
-    Astray { since: AutopilotTime },
-    /// It follows inertia again.
-    Back,
-}
-
 /// A flow velocity that is to carry.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Carry {
@@ -333,87 +227,6 @@ impl FlowSource {
         let settings = &context.core.settings.flow;
         let rate_xy = measure::rotation_in(s, self.sensors[index].latency.latency_s(), context);
         self.sensors[index].repeats(s, rate_xy, settings.rate_noise_radps)
-    }
-
-    /// What inertia says of a flow; see [`witness`]. A sensor that GNSS agrees with is not held for wrong by inertia alone.
-    pub(in super::super) fn weigh(
-        &mut self,
-        m: &MeasuredFlow,
-        index: usize,
-        drag: &DragSource,
-        context: &Context<'_>,
-    ) -> Option<FlowFinding> {
-        let core = context.core;
-        let inertial = SourceId::only(SourceKind::Imu);
-        if core.statuses.charge(inertial).is_some_and(|charge| charge.health() == SourceHealth::Faulty) {
-            // The witness is a liar: what it has said does not hold.
-            let sensor = &mut self.sensors[index];
-            sensor.witness.forget();
-            return sensor.astray.take().map(|_| FlowFinding::Back);
-        }
-        let impulse = core.timeline.impulse(m.time)?;
-        let by_filter = core.estimator.flow_errors().filter(|_| self.carrier(core) == Some(index));
-        let sensor = &mut self.sensors[index];
-        if sensor.astray.is_none() && !sensor.may_carry(core) {
-            // Nobody builds on it.
-            sensor.witness.forget();
-            return None;
-        }
-        if sensor.astray.is_none() {
-            let own = (*sensor.calibration.estimate(), *sensor.calibration.covariance());
-            let (x, p) = by_filter.unwrap_or(own);
-            sensor.errors = (x, p[(2, 2)] + p[(3, 3)]);
-        }
-        let corrected = FlowCalibration::undo(&sensor.errors.0, &m.v_xy, m.distance_m);
-        let in_ned = |v_xy: &Vector2<f64>| (m.r_body_to_ned * m.in_body(v_xy, core.height.climb_mps())).xy();
-        let reference = if core.mode == Mode::Aided { gnss_velocity(m, context) } else { None };
-        let tilt = core.attitude_variance(&context.facts).xy().max().max(0.0).sqrt();
-        let (_, v_ned) = core.estimator.estimate()?;
-        let v_ne = in_ned(&corrected);
-        let finding = sensor.witness.note(
-            &FlowAndInertia {
-                time: m.time,
-                v_ne,
-                impulse_ne: impulse.xy(),
-                reference_ne: reference.map(|v_xy| in_ned(&v_xy)),
-                variance: 0.5 * m.noise.trace() * sensor.calibration.noise_factor(),
-                scale_variance: sensor.errors.1,
-                accel_sigma: NOMINAL_GRAVITY_MPS2 * tilt,
-                corrected: sensor.heading.corrected(m, &core.timeline),
-                epoch: core.timeline.epoch(),
-            },
-            sensor.astray.is_some(),
-        );
-        match (finding, &mut sensor.astray) {
-            (Some(contradiction), None) => {
-                let level = |v_ne: Vector2<f64>| Vector3::new(v_ne.x, v_ne.y, v_ned.z);
-                let by_inertia = level(contradiction.v_ne - contradiction.apart_ne);
-                if drag
-                    .speaks_for(context, &level(contradiction.v_ne), &by_inertia)
-                    .is_some_and(|s| s > SPEAKS)
-                {
-                    // Two against one: it is inertia that has gone.
-                    sensor.witness.forget();
-                    return None;
-                }
-                let apart_ne = contradiction.apart_ne;
-                sensor.astray = Some(Astray { off_ne: apart_ne, most_mps: apart_ne.norm() });
-                sensor.calibration.clone_from(&sensor.kept.older);
-                sensor.kept.newer.clone_from(&sensor.kept.older);
-                return Some(FlowFinding::Astray { since: contradiction.fitted });
-            }
-            (_, Some(astray)) => {
-                astray.note(&(v_ne - v_ned.xy()), m.interval_s);
-                if sensor.witness.follows() && astray.is_back() {
-                    sensor.astray = None;
-                    sensor.witness.forget();
-                    return Some(FlowFinding::Back);
-                }
-            }
-            (None, None) if !sensor.witness.is_doubted() => sensor.keep_calibration(m.time),
-            (None, None) => {}
-        }
-        None
     }
 
     /// Whether what a sensor tells can be used at present, going by inertia.

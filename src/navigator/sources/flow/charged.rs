@@ -1,0 +1,229 @@
+//! What is held against a flow sensor: numbers that repeat themselves, and what inertia says; and what is kept of before, to go back to.
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::camera::FlowCalibration;
+use crate::geo::{NOMINAL_GRAVITY_MPS2, so3};
+use crate::sample::FlowSample;
+use crate::time::AutopilotTime;
+
+use super::super::super::context::Context;
+use super::super::super::solution::Mode;
+use super::super::super::timeline::Timeline;
+use super::super::drag::DragSource;
+use super::super::status::{SourceHealth, SourceId, SourceKind};
+use super::witness::{Contradiction, FlowAndInertia};
+use super::{FlowSensor, FlowSource, MeasuredFlow, gnss_velocity};
+use crate::navigator::tuning::flow::{
+    BACK, CALIBRATION_KEPT_S, LONGEST_INTERVAL_S, OFF_S, SPEAKS, STUCK_S, ZERO_MEMORY_S,
+};
+
+/// What inertia says of a flow sensor that is news.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super::super) enum FlowFinding {
+    /// It contradicts inertia; until then it still fitted.
+    Astray { since: AutopilotTime },
+    /// It follows inertia again.
+    Back,
+}
+
+/// The same flow, told again and again.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SameFlow {
+    pub(super) since: AutopilotTime,
+    pub(super) last: AutopilotTime,
+    pub(super) rate_xy: [f64; 2],
+    /// What the camera has turned by meanwhile, x and y, rad, forgotten in [`ZERO_MEMORY_S`].
+    pub(super) turned: Vector2<f64>,
+    pub(super) stuck: bool,
+}
+
+/// A flow that contradicts inertia, against the filter's velocity: a mean of late, NE, m/s, and the most that was.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Astray {
+    pub(super) off_ne: Vector2<f64>,
+    pub(super) most_mps: f64,
+}
+
+impl Astray {
+    /// Takes a difference, NE, m/s, `dt` s after the last.
+    pub(super) fn note(&mut self, off_ne: &Vector2<f64>, dt: f64) {
+        self.off_ne += (off_ne - self.off_ne) * (dt / OFF_S).min(1.0);
+        self.most_mps = self.most_mps.max(self.off_ne.norm());
+    }
+
+    /// Changes that fit do not show a constant error: the flow has to have come back as well.
+    pub(super) fn is_back(&self) -> bool {
+        self.off_ne.norm() < BACK * self.most_mps
+    }
+}
+
+/// The calibration as it was some seconds ago: what a flow teaches before it is found to be wrong is taken back.
+#[derive(Clone, Debug)]
+pub(super) struct KeptCalibration {
+    pub(super) since: Option<AutopilotTime>,
+    /// The older is at least [`CALIBRATION_KEPT_S`] old.
+    pub(super) older: FlowCalibration,
+    pub(super) newer: FlowCalibration,
+}
+
+/// What the gyros have turned the heading by since some time, rad, and the last sample's time.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct HeadingByGyro {
+    pub(super) last: Option<AutopilotTime>,
+    pub(super) turned: f64,
+}
+
+impl HeadingByGyro {
+    /// What the heading was corrected by since some time, when it was turned to `r_body_to_ned`, rad.
+    pub(super) fn corrected(&mut self, m: &MeasuredFlow, timeline: &Timeline) -> f64 {
+        let r = &m.r_body_to_ned;
+        if let Some(last) = self.last.replace(m.time)
+            && let Some(rate_body) = timeline.mean_rate(last, m.time)
+        {
+            self.turned += (r * rate_body).z * m.time.seconds_since(last).max(0.0);
+        }
+        let corrected = so3::wrap_pi(r[(1, 0)].atan2(r[(0, 0)]) - self.turned);
+        // Far from ±π, so that means of it are means.
+        self.turned += if corrected.abs() > 1.0 { corrected } else { 0.0 };
+        if corrected.abs() > 1.0 { 0.0 } else { corrected }
+    }
+}
+
+impl FlowSensor {
+    /// Since when it has told the same numbers, if that is longer than noise lets it. Zero is what sensors tell that see nothing move; but no
+    /// image stands still while the camera turns by more than the sensor's noise (`rate_xy`, rad/s, where the flow has the rotation in it).
+    pub(super) fn repeats(
+        &mut self,
+        s: &FlowSample,
+        rate_xy: Option<Vector2<f64>>,
+        noise_radps: f64,
+    ) -> Option<AutopilotTime> {
+        let Some(same) = self.same.as_mut().filter(|same| same.rate_xy == s.rate_xy) else {
+            let (time, rate_xy) = (s.time, s.rate_xy);
+            self.same =
+                Some(SameFlow { since: time, last: time, rate_xy, turned: Vector2::zeros(), stuck: false });
+            return None;
+        };
+        let dt = s.time.seconds_since(same.last).clamp(0.0, LONGEST_INTERVAL_S);
+        same.last = s.time;
+        same.turned = same.turned * (-dt / ZERO_MEMORY_S).exp() + rate_xy.unwrap_or_default() * dt;
+        let turns = same.turned.norm() > noise_radps * ZERO_MEMORY_S;
+        let stands = same.rate_xy == [0.0; 2] && !turns;
+        same.stuck |= !stands && s.time.seconds_since(same.since) > STUCK_S;
+        same.stuck.then_some(same.since)
+    }
+
+    /// The calibration is kept while nothing speaks against it.
+    fn keep_calibration(&mut self, now: AutopilotTime) {
+        let kept = &mut self.kept;
+        if kept.since.is_none_or(|t| now.seconds_since(t) > CALIBRATION_KEPT_S) {
+            kept.since = Some(now);
+            kept.older.clone_from(&kept.newer);
+            kept.newer.clone_from(&self.calibration);
+        }
+    }
+
+    /// A flow with what it is compared with.
+    fn against_inertia(&mut self, m: &MeasuredFlow, context: &Context<'_>) -> Option<FlowAndInertia> {
+        let core = context.core;
+        let climb_mps = core.height.climb_mps();
+        let in_ned = |v_xy: &Vector2<f64>| (m.r_body_to_ned * m.in_body(v_xy, climb_mps)).xy();
+        let reference = if core.mode == Mode::Aided { gnss_velocity(m, context) } else { None };
+        let tilt = core.attitude_variance(&context.facts).xy().max().max(0.0).sqrt();
+        let (errors, scale_variance) = &self.errors;
+        Some(FlowAndInertia {
+            time: m.time,
+            v_ne: in_ned(&FlowCalibration::undo(errors, &m.v_xy, m.distance_m)),
+            impulse_ne: core.timeline.impulse(m.time)?.xy(),
+            reference_ne: reference.map(|v_xy| in_ned(&v_xy)),
+            variance: 0.5 * m.noise.trace() * self.calibration.noise_factor(),
+            scale_variance: *scale_variance,
+            accel_sigma: NOMINAL_GRAVITY_MPS2 * tilt,
+            corrected: self.heading.corrected(m, &core.timeline),
+            epoch: core.timeline.epoch(),
+        })
+    }
+
+    /// It contradicts inertia: what it has taught of late is forgotten.
+    fn go_astray(&mut self, found: &Contradiction) {
+        self.astray = Some(Astray { off_ne: found.apart_ne, most_mps: found.apart_ne.norm() });
+        self.calibration.clone_from(&self.kept.older);
+        self.kept.newer.clone_from(&self.kept.older);
+    }
+
+    /// Whether a flow that had gone astray, and now is `off_ne` from the filter's velocity, m/s, has come back.
+    fn may_return(&mut self, off_ne: &Vector2<f64>, m: &MeasuredFlow) -> bool {
+        match &mut self.astray {
+            Some(astray) => {
+                astray.note(off_ne, m.interval_s);
+                let back = self.witness.follows() && astray.is_back();
+                if back {
+                    self.astray = None;
+                    self.witness.forget();
+                }
+                back
+            }
+            None => {
+                if !self.witness.is_doubted() {
+                    self.keep_calibration(m.time);
+                }
+                false
+            }
+        }
+    }
+}
+
+impl FlowSource {
+    /// What inertia says of a flow; see [`super::witness`]. A sensor that GNSS agrees with, or rotor drag, is not held for wrong by inertia alone.
+    pub(in super::super::super) fn weigh(
+        &mut self,
+        m: &MeasuredFlow,
+        index: usize,
+        drag: &DragSource,
+        context: &Context<'_>,
+    ) -> Option<FlowFinding> {
+        let core = context.core;
+        let inertial = SourceId::only(SourceKind::Imu);
+        let by_filter = core.estimator.flow_errors().filter(|_| self.carrier(core) == Some(index));
+        let sensor = &mut self.sensors[index];
+        if core.statuses.charge(inertial).is_some_and(|charge| charge.health() == SourceHealth::Faulty) {
+            // The witness is a liar: what it has said does not hold.
+            sensor.witness.forget();
+            return sensor.astray.take().map(|_| FlowFinding::Back);
+        }
+        if sensor.astray.is_none() && !sensor.may_carry(core) {
+            // Nobody builds on it.
+            sensor.witness.forget();
+            return None;
+        }
+        if sensor.astray.is_none() {
+            let own = (*sensor.calibration.estimate(), *sensor.calibration.covariance());
+            let (x, p) = by_filter.unwrap_or(own);
+            sensor.errors = (x, p[(2, 2)] + p[(3, 3)]);
+        }
+        let (_, v_ned) = core.estimator.estimate()?;
+        let compared = sensor.against_inertia(m, context)?;
+        match sensor.witness.note(&compared, sensor.astray.is_some()) {
+            // Where drag agrees with it, it is inertia that has gone.
+            Some(found) if found.is_denied_by(drag, v_ned.z, context) => {
+                sensor.witness.forget();
+                None
+            }
+            Some(found) => {
+                sensor.go_astray(&found);
+                Some(FlowFinding::Astray { since: found.fitted })
+            }
+            None => sensor.may_return(&(compared.v_ne - v_ned.xy()), m).then_some(FlowFinding::Back),
+        }
+    }
+}
+
+impl Contradiction {
+    /// Whether rotor drag speaks for the flow: two against one.
+    fn is_denied_by(&self, drag: &DragSource, down_mps: f64, context: &Context<'_>) -> bool {
+        let level = |v_ne: Vector2<f64>| Vector3::new(v_ne.x, v_ne.y, down_mps);
+        let (by_flow, by_inertia) = (level(self.v_ne), level(self.v_ne - self.apart_ne));
+        drag.speaks_for(context, &by_flow, &by_inertia).is_some_and(|more| more > SPEAKS)
+    }
+}
