@@ -36,6 +36,10 @@ pub(super) fn weigh(
     index: usize,
 ) -> Result<(), Reason> {
     let context = Context { core, facts: sources.facts(core) };
+    if let Some((scale, sigma)) = sources.flow.rescaled(m, index, &context) {
+        core.estimator.set_flow_scale(scale, sigma);
+    }
+    let context = Context { core, facts: sources.facts(core) };
     let finding = sources.flow.weigh(m, index, &sources.drag, &context);
     let source = SourceId { kind: SourceKind::Flow, id: sources.flow.id(index) };
     match finding {

@@ -254,6 +254,13 @@ impl Eskf {
         self.p.fixed_view::<4, 4>(FLOW, FLOW).into_owned()
     }
 
+    /// The flow's scale error is this, known to `sigma`, and has nothing to do with anything else: what it is multiplied with is another.
+    pub fn set_flow_scale(&mut self, scale: f64, sigma: f64) {
+        self.propagate_covariance();
+        self.decorrelate(FLOW + 2, sigma);
+        self.state.flow[2] = scale;
+    }
+
     /// Whether everything is finite. The covariance's part of it is found where the covariance changes, which is not at every sample.
     pub fn is_finite(&self) -> bool {
         self.sound && self.state.is_finite()

@@ -110,6 +110,13 @@ impl EstimatorStack {
         self.error_state().map(|s| (s.filter().state().flow, s.filter().flow_covariance()))
     }
 
+    /// The distance that flow is scaled by is measured otherwise from now on: its scale error, and the standard deviation of that.
+    pub(super) fn set_flow_scale(&mut self, scale: f64, sigma: f64) {
+        if let Some(stage) = self.error_state_mut() {
+            stage.filter_mut().set_flow_scale(scale, sigma);
+        }
+    }
+
     /// How well the error-state filter knows the rotor drag, 1/s.
     pub(super) fn drag_sigma(&self) -> Option<f64> {
         self.error_state().map(|s| s.filter().drag_sigma())

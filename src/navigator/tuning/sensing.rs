@@ -69,6 +69,8 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const ZERO_MEMORY_S: f64 = 1.0;
     /// The calibration that is returned to is as old as this at least, s: a wrong flow is found within that.
     pub(in crate::navigator) const CALIBRATION_KEPT_S: f64 = 5.0;
+    /// A rangefinder is lost, or back, when it has been for this long, s.
+    pub(in crate::navigator) const OTHERWISE_S: f64 = 0.5;
     /// Rotor drag speaks for a flow and against inertia where the squares of the deviations differ by so much (2 sigma).
     pub(in crate::navigator) const SPEAKS: f64 = 4.0;
     /// A flow that has gone astray is back when it is nearer to the filter's velocity, in the mean over this long, s, than this part of the most

@@ -15,7 +15,7 @@ use super::super::status::{SourceHealth, SourceId, SourceKind};
 use super::witness::{Contradiction, FlowAndInertia};
 use super::{FlowSensor, FlowSource, MeasuredFlow, gnss_velocity};
 use crate::navigator::tuning::flow::{
-    BACK, CALIBRATION_KEPT_S, LONGEST_INTERVAL_S, OFF_S, SPEAKS, STUCK_S, ZERO_MEMORY_S,
+    BACK, CALIBRATION_KEPT_S, LONGEST_INTERVAL_S, OFF_S, OTHERWISE_S, SPEAKS, STUCK_S, ZERO_MEMORY_S,
 };
 
 /// What inertia says of a flow sensor that is news.
@@ -138,7 +138,7 @@ impl FlowSensor {
             impulse_ne: core.timeline.impulse(m.time)?.xy(),
             reference_ne: reference.map(|v_xy| in_ned(&v_xy)),
             variance: 0.5 * m.noise.trace() * self.calibration.noise_factor(),
-            scale_variance: *scale_variance,
+            scale_variance: scale_variance + m.relative_sigma * m.relative_sigma,
             accel_sigma: NOMINAL_GRAVITY_MPS2 * tilt,
             corrected: self.heading.corrected(m, &core.timeline),
             epoch: core.timeline.epoch(),
@@ -174,7 +174,45 @@ impl FlowSensor {
     }
 }
 
+/// What a sensor's distance comes from, and its scale error by the filter, with its variance, while that was a rangefinder.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ScaledBy {
+    unranged: bool,
+    /// For how long it has been the other way, s.
+    otherwise_s: f64,
+    by_range: Option<(f64, f64)>,
+}
+
+impl ScaledBy {
+    /// Takes a flow, and what the filter holds its scale error to be, with its variance. What that is from now on when a rangefinder has been
+    /// lost, or is back: without it the distance is wrong by a part of itself for as long as it is lost, and with it the scale is what it was.
+    fn note(&mut self, m: &MeasuredFlow, (scale, variance): (f64, f64)) -> Option<(f64, f64)> {
+        self.otherwise_s = if m.ranged == self.unranged { self.otherwise_s + m.interval_s } else { 0.0 };
+        if !self.unranged && m.ranged {
+            self.by_range = Some((scale, variance));
+        }
+        let (scale, variance) = self.by_range.filter(|_| self.otherwise_s > OTHERWISE_S)?;
+        self.unranged = !self.unranged;
+        self.otherwise_s = 0.0;
+        let lost = if self.unranged { m.relative_sigma } else { 0.0 };
+        Some((scale, variance.max(0.0).sqrt().hypot(lost)))
+    }
+}
+
 impl FlowSource {
+    /// What the filter has to take the scale error of the sensor that carries for from now on, with its standard deviation, where the distance
+    /// comes from something else since this flow.
+    pub(in super::super::super) fn rescaled(
+        &mut self,
+        m: &MeasuredFlow,
+        index: usize,
+        context: &Context<'_>,
+    ) -> Option<(f64, f64)> {
+        let (x, p) = context.core.estimator.flow_errors()?;
+        let carries = self.carrier(context.core) == Some(index);
+        self.sensors[index].scaled_by.note(m, (x[2], p[(2, 2)])).filter(|_| carries)
+    }
+
     /// What inertia says of a flow; see [`super::witness`]. A sensor that GNSS agrees with, or rotor drag, is not held for wrong by inertia alone.
     pub(in super::super::super) fn weigh(
         &mut self,

@@ -163,6 +163,7 @@ impl ImageAssembly {
             distance_m: height_m / cosine.max(0.1),
             interval_s,
             ranged: distance_m.is_some(),
+            relative_sigma,
             gyro_offset: gyro_offset(first, &rate_camera),
         })
     }

@@ -10,6 +10,7 @@ use crate::time::{AutopilotTime, Span};
 use super::super::super::context::Context;
 use super::super::super::timeline::CORRECTED_S;
 use super::super::super::verdict::Reason;
+use super::super::takeoff::Ground;
 use crate::navigator::tuning::flow_measure::{
     CLIMB_SIGMA_MPS, DISTANCE_SIGMA_M, DISTANCE_TOLERANCE, DISTANCE_TOLERANCE_M, LARGEST_DOUBT,
     RATE_INTERVAL_S,
@@ -54,6 +55,8 @@ pub(in super::super::super) struct MeasuredFlow {
     pub(in super::super::super) interval_s: f64,
     /// The distance came from a rangefinder.
     pub(in super::super::super) ranged: bool,
+    /// What is doubtful about the distance, as a part of it, 1 sigma: for as long as it is not measured.
+    pub(super) relative_sigma: f64,
     /// What the sensor's own gyro tells more than the vehicle's, camera x and y, rad/s, where it has one.
     pub(super) gyro_offset: Option<Vector2<f64>>,
 }
@@ -127,7 +130,8 @@ pub(super) fn distance(s: &FlowSample, cosine: f64, context: &Context<'_>) -> Fl
         }),
     };
     let doubt = facts.disputed_ratio.map_or(0.0, |ratio| (1.0 - ratio).abs().min(LARGEST_DOUBT));
-    let terrain = facts.ground.zip(height).map_or(0.0, |(ground, h)| ground.sigma_m / h.max(1e-3));
+    let known = |(ground, h): (Ground, f64)| ground.sigma_m.hypot(core.height.height_sigma_m()) / h.max(1e-3);
+    let terrain = facts.ground.zip(height).map_or(0.0, known);
     FlowDistance {
         measured_m: measured,
         height_m: height,
@@ -198,6 +202,7 @@ pub(super) fn of_patch(
         v_z: None,
         interval_s,
         ranged: distance_m.is_some(),
+        relative_sigma,
         gyro_offset: gyro_offset(s, &rate_camera),
     })
 }

@@ -30,7 +30,7 @@ use crate::navigator::tuning::flow::{
     LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE,
 };
 pub(in super::super) use charged::FlowFinding;
-use charged::{Astray, HeadingByGyro, KeptCalibration, SameFlow};
+use charged::{Astray, HeadingByGyro, KeptCalibration, SameFlow, ScaledBy};
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
 use measure::FlowCorrection;
@@ -58,6 +58,7 @@ pub(in super::super) struct FlowSensor {
     errors: (Vector4<f64>, f64),
     kept: KeptCalibration,
     heading: HeadingByGyro,
+    scaled_by: ScaledBy,
 }
 
 impl FlowSensor {
@@ -76,6 +77,7 @@ impl FlowSensor {
             astray: None,
             errors: (Vector4::zeros(), 0.0),
             heading: HeadingByGyro::default(),
+            scaled_by: ScaledBy::default(),
             kept: KeptCalibration {
                 since: None,
                 older: FlowCalibration::new(settings.calibration),
@@ -342,7 +344,9 @@ impl FlowSource {
             return Ok(nothing);
         }
         self.filter_bias(m, index, context);
-        let lasting = heading_doubt(&v_gnss, context);
+        // A distance that is not measured is wrong by the same for some time.
+        let along = v_gnss * m.relative_sigma;
+        let lasting = heading_doubt(&v_gnss, context) + along * along.transpose();
         let sensor = &mut self.sensors[index];
         sensor.calibration.compare(&m.v_xy, &v_gnss, m.distance_m, &m.noise, &lasting, m.interval_s);
         let trust = sensor.calibration.trust();
