@@ -10,7 +10,9 @@ use super::super::height::HeightReading;
 use super::super::reset::Reset;
 use super::super::verdict::Reason;
 use super::status::SourceHealth;
-use crate::navigator::tuning::barometer::{LATE_S, SILENCE_S, STUCK_CLIMB_M, STUCK_S};
+use crate::navigator::tuning::barometer::{
+    KNOWN_S, LATE_S, SILENCE_S, STUCK_CLIMB_M, STUCK_S, UNUSUAL, UNUSUAL_S,
+};
 
 /// The channels of the two that are listened to.
 const CHANNELS: [Channel; 2] = [Channel::Baro, Channel::SecondBaro];
@@ -31,6 +33,9 @@ struct KnownBarometer {
     heard: AutopilotTime,
     same: SamePressure,
     stuck: bool,
+    /// When it was first heard, and for how long it has told the same at most while it was sound, s: noise and resolution make that short.
+    first: AutopilotTime,
+    longest_s: f64,
 }
 
 /// See the module's documentation.
@@ -105,7 +110,14 @@ impl BarometerSource {
     pub(in super::super) fn recall(&mut self, sensors: [Option<u8>; 2], heard: AutopilotTime) {
         self.barometers = sensors.map(|sensor| {
             let same = SamePressure { since: heard, pressure_pa: 0.0, height_m: None };
-            sensor.map(|sensor| KnownBarometer { sensor, heard, same, stuck: false })
+            sensor.map(|sensor| KnownBarometer {
+                sensor,
+                heard,
+                same,
+                stuck: false,
+                first: heard,
+                longest_s: 0.0,
+            })
         });
     }
 
@@ -128,17 +140,23 @@ impl BarometerSource {
 impl KnownBarometer {
     fn new(s: &PressureSample, height_m: Option<f64>) -> Self {
         let same = SamePressure { since: s.time, pressure_pa: s.pressure_pa, height_m };
-        Self { sensor: s.sensor, heard: s.time, same, stuck: false }
+        Self { sensor: s.sensor, heard: s.time, same, stuck: false, first: s.time, longest_s: 0.0 }
     }
 
-    /// With a sample that was just heard.
+    /// With a sample that was just heard. It is stuck when it goes on telling the same while the vehicle climbs, or for much longer than it ever
+    /// has; and no more with the first sample that is another.
     fn told(self, s: &PressureSample, height_m: Option<f64>) -> Self {
         let SamePressure { since, pressure_pa, height_m: then_m } = self.same;
         if pressure_pa != s.pressure_pa {
-            return Self::new(s, height_m);
+            let lasted_s = if self.stuck { 0.0 } else { self.heard.seconds_since(since) };
+            let longest_s = self.longest_s.max(lasted_s);
+            return Self { first: self.first, longest_s, ..Self::new(s, height_m) };
         }
+        let lasts_s = s.time.seconds_since(since);
         let climbed = height_m.zip(then_m).is_some_and(|(now, then)| (now - then).abs() > STUCK_CLIMB_M);
-        let stuck = self.stuck || (climbed && s.time.seconds_since(since) > STUCK_S);
+        let known = since.seconds_since(self.first) > KNOWN_S;
+        let unusual = known && lasts_s > UNUSUAL_S.max(UNUSUAL * self.longest_s);
+        let stuck = self.stuck || unusual || (climbed && lasts_s > STUCK_S);
         let same = SamePressure { height_m: then_m.or(height_m), ..self.same };
         Self { heard: s.time, same, stuck, ..self }
     }

@@ -15,7 +15,7 @@ use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::rangefinder::{
     DISPUTE_S, FOLLOW_STEP_S, GROUND_BELIEVED_S, GROUND_RATE_MPS, GROUND_SLOPE, GROUND_STEP_FRACTION,
     GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, LEVEL_COSINE, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST,
-    RELATIVE_SIGMA,
+    RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S,
 };
 
 /// The ground is seen elsewhere than it was.
@@ -33,9 +33,29 @@ struct Dispute {
     believed: bool,
 }
 
+/// The same distance, told again and again.
+#[derive(Clone, Copy, Debug)]
+struct SameDistance {
+    since: AutopilotTime,
+    distance_m: f64,
+    /// Least and greatest length of the beam meanwhile, by the altimeter, m.
+    expected_m: [f64; 2],
+}
+
+impl SameDistance {
+    /// Whether the beam has become longer or shorter by more than any resolution hides.
+    fn is_stuck(&self, now: AutopilotTime) -> bool {
+        let changed_m = self.expected_m[1] - self.expected_m[0];
+        now.seconds_since(self.since) > STUCK_S && changed_m > STUCK_M.max(RELATIVE_SIGMA * self.distance_m)
+    }
+}
+
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RangefinderSource {
+    same: Option<SameDistance>,
+    /// The least that it has told, m: what it tells of a vehicle that stands.
+    least_m: Option<f64>,
     newest: Option<(AutopilotTime, f64)>,
     /// Height of the ground above the origin, where it was last seen beyond dispute, m.
     ground_m: Option<f64>,
@@ -86,6 +106,9 @@ impl RangefinderSource {
         let cosine = context.core.attitude.r_body_to_ned[(2, 2)];
         let height = context.core.height.height_m().filter(|_| cosine > MIN_COSINE);
         let height = height.ok_or(Reason::NoReferenceYet)?;
+        if self.repeats(s.time, s.distance_m, height / cosine) {
+            return Err(Reason::Stuck);
+        }
         // In a bank an error of the attitude is one of the distance.
         if cosine > LEVEL_COSINE {
             self.following.note(s.time, s.distance_m * cosine, height);
@@ -106,6 +129,22 @@ impl RangefinderSource {
             self.follow_ground(s.time, ground, context);
         }
         Ok(self.height(s, s.distance_m * cosine, context))
+    }
+
+    /// Whether it tells the same distance, whatever the vehicle does, but for what it tells of one that stands; `beam_m` is the beam's length but for where the ground is. Until it tells
+    /// another.
+    fn repeats(&mut self, now: AutopilotTime, distance_m: f64, beam_m: f64) -> bool {
+        let same = self.same.filter(|same| same.distance_m == distance_m).map_or(
+            SameDistance { since: now, distance_m, expected_m: [beam_m; 2] },
+            |same| SameDistance {
+                expected_m: [same.expected_m[0].min(beam_m), same.expected_m[1].max(beam_m)],
+                ..same
+            },
+        );
+        self.same = Some(same);
+        let least_m = self.least_m.map_or(distance_m, |least| least.min(distance_m));
+        self.least_m = Some(least_m);
+        distance_m > STANDS * least_m && same.is_stuck(now)
     }
 
     /// Whether the ground may be this much higher than it was.

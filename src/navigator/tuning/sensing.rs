@@ -29,6 +29,10 @@ pub(in crate::navigator) mod barometer {
     /// A barometer that tells exactly the same for this long, s, while the vehicle has climbed by this much, m, is stuck.
     pub(in crate::navigator) const STUCK_S: f64 = 1.0;
     pub(in crate::navigator) const STUCK_CLIMB_M: f64 = 1.5;
+    /// So is one that tells the same for this long, s, and so many times longer than it ever has, once it was heard for this long, s.
+    pub(in crate::navigator) const UNUSUAL_S: f64 = 3.0;
+    pub(in crate::navigator) const UNUSUAL: f64 = 4.0;
+    pub(in crate::navigator) const KNOWN_S: f64 = 30.0;
 }
 
 /// Rotor drag.
@@ -287,6 +291,11 @@ pub(in crate::navigator) mod rangefinder {
     pub(in crate::navigator) const GROUND_SLOPE: f64 = 0.3;
     /// Over a longer silence it is not followed, s.
     pub(in crate::navigator) const FOLLOW_STEP_S: f64 = 0.5;
+    /// One that tells exactly the same for this long, s, while its beam becomes longer or shorter by this much, m, is stuck.
+    pub(in crate::navigator) const STUCK_S: f64 = 1.0;
+    pub(in crate::navigator) const STUCK_M: f64 = 0.5;
+    /// Up to so many times its least distance a vehicle may stand.
+    pub(in crate::navigator) const STANDS: f64 = 1.2;
     /// A dispute whose last word is older than this is over, s.
     pub(in crate::navigator) const DISPUTE_S: f64 = 1.0;
     /// Distances are heights this often, s, and known to this part of themselves.
