@@ -4,8 +4,8 @@ use super::fault::{Change, Fault};
 use super::fault_tolerant::Altimeter;
 use super::glr_bank::{Fit, INERTIAL, Onset};
 use super::isolation::{ExplanationScore, explain, score};
-use super::joint::{Channel, HEIGHT, HeightInnovation, State};
-use super::tuning::HEALED;
+use super::joint::{ACCEL_BIAS, CLIMB, Channel, HEIGHT, HeightInnovation, State};
+use super::tuning::{AGREE, HEALED};
 
 impl Altimeter {
     /// Follows the noise of a channel whose noise has grown.
@@ -86,6 +86,7 @@ impl Altimeter {
             declared[s] = true;
         }
         self.heal();
+        self.reconcile(since_s);
         for channel in Channel::ALL.into_iter().filter(|c| declared[c.index()]) {
             let state = &self.channels[channel.index()];
             if state.biased_since_s.is_some() {
@@ -135,6 +136,49 @@ impl Altimeter {
             self.bank.clear();
             self.tell(Change::Healed(channel));
         }
+    }
+
+    /// A barometer and GNSS that are off by the same agree: it is inertia that has gone astray, and neither is convicted by it. The height is what it
+    /// is with both biases known to be zero, and climb rate and acceleration may be off by what has moved it since `since_s`.
+    fn reconcile(&mut self, since_s: f64) {
+        let size = |c: Channel| {
+            let state = &self.channels[c.index()];
+            state.biased_since_s.map(|_| self.joint.x[c.fault()] - state.offset_before_m)
+        };
+        let variance = |c: Channel| {
+            let r =
+                self.settings.channels[c.index()].noise_m.powi(2) * self.channels[c.index()].noise.factor();
+            self.joint.p[(c.fault(), c.fault())] + r
+        };
+        let Some(by_gnss) = size(Channel::Gnss) else { return };
+        let agrees = |c: Channel| {
+            let both = self.joint.p[(c.fault(), Channel::Gnss.fault())];
+            let apart = variance(c) + variance(Channel::Gnss) - 2.0 * both;
+            size(c).is_some_and(|s| s * by_gnss > 0.0 && (s - by_gnss).powi(2) < AGREE * AGREE * apart)
+        };
+        if ![Channel::Baro, Channel::SecondBaro].into_iter().any(agrees) {
+            return;
+        }
+        let before_m = self.joint.x[HEIGHT];
+        let convicted = |c: &Channel| *c != Channel::Range && size(*c).is_some();
+        let undone = Channel::ALL.map(|c| Some(c).filter(convicted));
+        for channel in undone.into_iter().flatten() {
+            if channel.is_absolute() {
+                self.joint.pin(channel.fault());
+            }
+            // One that was convicted before was told to be.
+            let told = self.channels[channel.index()].biased_since_s.take().is_some_and(|t| t < since_s);
+            if told && !self.health(channel).is_faulty() {
+                self.tell(Change::Healed(channel));
+            }
+        }
+        let lasted_s = (self.clock_s - since_s).max(1.0);
+        let moved_m = self.joint.x[HEIGHT] - before_m;
+        self.joint.p[(HEIGHT, HEIGHT)] += moved_m * moved_m;
+        self.joint.p[(CLIMB, CLIMB)] += (moved_m / lasted_s).powi(2);
+        self.joint.p[(ACCEL_BIAS, ACCEL_BIAS)] += (2.0 * moved_m / lasted_s.powi(2)).powi(2);
+        self.bank.clear();
+        self.tell(Change::InertialAstray { height_step_m: moved_m });
     }
 
     pub(super) fn tell(&mut self, change: Change) {

@@ -63,6 +63,8 @@ pub(super) const BOUNDED_SQUARE: f64 = 16.0;
 /// Log-odds of zero against a bias above which it is over: zero may be e² times less likely. A higher one
 /// leaves a channel unused for longer after its bias has gone; a lower one takes a bias that is still there for over.
 pub(super) const HEALED: f64 = -2.0;
+/// A barometer and GNSS that are off by sizes within so many standard deviations of each other agree.
+pub(super) const AGREE: f64 = 3.0;
 /// Samples over which the grown noise's variance is averaged: 40 know it to 22 %.
 pub(super) const NOISE_MEMORY: f64 = 40.0;
 /// A factor on the variance below this is no fault: with [`NOISE_MEMORY`] samples it is two sigmas from 1.

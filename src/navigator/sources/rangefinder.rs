@@ -15,7 +15,7 @@ use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::rangefinder::{
     DISPUTE_S, FOLLOW_STEP_S, GROUND_BELIEVED_S, GROUND_RATE_MPS, GROUND_SLOPE, GROUND_STEP_FRACTION,
     GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, LEVEL_COSINE, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST,
-    RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S,
+    ONLY_S, RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S,
 };
 
 /// The ground is seen elsewhere than it was.
@@ -195,10 +195,8 @@ impl RangefinderSource {
     fn height(&mut self, s: &RangeSample, above_m: f64, context: &Context<'_>) -> Option<HeightReading> {
         let now = context.now()?;
         let due = self.taken.is_none_or(|t| s.time.seconds_since(t).abs() >= HEIGHT_PERIOD_S);
-        if !due
-            || above_m >= context.core.settings.height.range_below_m
-            || context.core.mode == Mode::Aligning
-        {
+        let near = above_m < context.core.settings.height.range_below_m || is_only_height(context);
+        if !due || !near || context.core.mode == Mode::Aligning {
             return None;
         }
         self.taken = Some(s.time);
@@ -227,4 +225,10 @@ impl RangefinderSource {
             Reset::Relocated | Reset::Bridged => {}
         }
     }
+}
+
+/// Whether no other height has been heard for a while: then the ground is one at any distance, with the doubt that terrain leaves.
+fn is_only_height(context: &Context<'_>) -> bool {
+    let silent = |c: Channel| context.core.height.standing(c).is_none_or(|(_, quiet_s)| quiet_s > ONLY_S);
+    [Channel::Baro, Channel::SecondBaro, Channel::Gnss].into_iter().all(silent)
 }

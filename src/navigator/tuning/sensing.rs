@@ -298,6 +298,8 @@ pub(in crate::navigator) mod rangefinder {
     pub(in crate::navigator) const STANDS: f64 = 1.2;
     /// A dispute whose last word is older than this is over, s.
     pub(in crate::navigator) const DISPUTE_S: f64 = 1.0;
+    /// Where no other height was heard for this long, s, they are heights at any distance.
+    pub(in crate::navigator) const ONLY_S: f64 = 3.0;
     /// Distances are heights this often, s, and known to this part of themselves.
     pub(in crate::navigator) const HEIGHT_PERIOD_S: f64 = 0.1;
     pub(in crate::navigator) const RELATIVE_SIGMA: f64 = 0.03;
