@@ -150,7 +150,9 @@ impl Altimeter {
                 self.settings.channels[c.index()].noise_m.powi(2) * self.channels[c.index()].noise.factor();
             self.joint.p[(c.fault(), c.fault())] + r
         };
-        let Some(by_gnss) = size(Channel::Gnss) else { return };
+        // One that never goes astray is worth more than the two.
+        let may_go = self.settings.detection.climb_jump_mps > 0.0;
+        let Some(by_gnss) = size(Channel::Gnss).filter(|_| may_go) else { return };
         let agrees = |c: Channel| {
             let both = self.joint.p[(c.fault(), Channel::Gnss.fault())];
             let apart = variance(c) + variance(Channel::Gnss) - 2.0 * both;

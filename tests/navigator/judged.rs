@@ -98,3 +98,28 @@ fn a_flow_that_goes_wrong_with_gnss_does_not_bend_its_calibration() {
         assert!(judged.error_m < whole.error_m + 2.0, "{kind}: {} {}", judged.error_m, whole.error_m);
     }
 }
+
+/// The vehicle hovers and flies on at constant height: nothing but its own noise shows that a barometer is stuck.
+#[test]
+fn barometers_that_are_stuck_in_an_outage_convict_nobody_and_come_back() {
+    let faults = ["baro:freeze@90..130", "baro1:freeze@90..130"];
+    let judged = fly(SQUARES, SQUARE_S, &faults, SourceKind::Barometer);
+    assert!(judged.accused.len() >= 2, "{:?}", judged.accused);
+    assert!(judged.accused.iter().all(|t| (90.0..100.0).contains(t)), "{:?}", judged.accused);
+    assert!(judged.acquitted.iter().all(|t| (130.0..131.0).contains(t)), "{:?}", judged.acquitted);
+    assert_eq!(judged.accused.len(), judged.acquitted.len());
+    // The rangefinder is the only height meanwhile, from as far as it is.
+    assert!(judged.altitude_m < 0.5, "{} m", judged.altitude_m);
+}
+
+#[test]
+fn a_rangefinder_that_is_stuck_does_not_scale_the_flow() {
+    let whole = fly(SQUARES, SQUARE_S, &[], SourceKind::Rangefinder);
+    assert!(whole.accused.is_empty(), "{:?}", whole.accused);
+    for fault in ["stuck=2", "stuck=0.7", "scale=2", "drop"] {
+        let judged = fly(SQUARES, SQUARE_S, &[&format!("range:{fault}@90..130")], SourceKind::Flow);
+        assert!(judged.accused.is_empty(), "{fault}: flow charged at {:?}", judged.accused);
+        assert!(judged.error_m < whole.error_m + 8.0, "{fault}: {} {}", judged.error_m, whole.error_m);
+        assert!(judged.error_m < 3.0 * judged.sigma_m, "{fault}: {} {}", judged.error_m, judged.sigma_m);
+    }
+}
