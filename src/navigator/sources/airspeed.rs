@@ -14,7 +14,7 @@ use super::super::settings::Estimator;
 use super::super::verdict::{Reason, Verdict};
 use super::status::Measured;
 use crate::geo::NOMINAL_GRAVITY_MPS2;
-use crate::navigator::tuning::airspeed::{CARRIES_S, MAX_LOAD_G, SAMPLE_INTERVAL_S};
+use crate::navigator::tuning::airspeed::{CARRIES_S, MAX_LOAD_G, SAMPLE_INTERVAL_S, STUCK_S};
 use crate::navigator::tuning::every_source::LATE_S;
 
 /// Settings of the airspeed.
@@ -34,6 +34,8 @@ pub struct AirSettings {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct AirspeedSource {
     heard: Option<AutopilotTime>,
+    /// Since when it has told the same, and what, m/s.
+    same: Option<(AutopilotTime, f64)>,
     used: Option<AutopilotTime>,
 }
 
@@ -67,6 +69,9 @@ impl AirspeedSource {
         }
         let interval_s = self.heard.map_or(SAMPLE_INTERVAL_S, |t| s.time.seconds_since(t));
         self.heard = Some(s.time);
+        if self.repeats(s) {
+            return Err(Reason::Stuck);
+        }
         let environment = core.surroundings.environment().ok_or(Reason::NoReferenceYet)?;
         let above_sea = environment.frame.origin().height_m + core.height.height_m().unwrap_or_default();
         let speed_mps = s.airspeed_mps * true_airspeed_factor(above_sea);
@@ -87,6 +92,13 @@ impl AirspeedSource {
             sigma_mps: air.sigma_mps * often,
             sideslip_sigma_rad: nose_first.then_some(air.sideslip_sigma_rad * often),
         })
+    }
+
+    /// Whether it has told the same for longer than air lets it; until it tells another.
+    fn repeats(&mut self, s: &AirspeedSample) -> bool {
+        let same = self.same.filter(|(_, mps)| *mps == s.airspeed_mps).unwrap_or((s.time, s.airspeed_mps));
+        self.same = Some(same);
+        s.airspeed_mps > 0.0 && s.time.seconds_since(same.0) > STUCK_S
     }
 
     /// What became of an airspeed of this time.

@@ -83,12 +83,8 @@ impl RangefinderSource {
         self.ground_m
     }
 
-    /// Takes a distance. A height when one is due: near the ground, where the ground is one.
-    pub(super) fn observe(
-        &mut self,
-        s: &RangeSample,
-        context: &Context<'_>,
-    ) -> Result<Option<HeightReading>, Reason> {
+    /// Tests that need no height.
+    fn admit(&self, s: &RangeSample, context: &Context<'_>) -> Result<(), Reason> {
         if !s.distance_m.is_finite() {
             return Err(Reason::NotFinite);
         }
@@ -103,6 +99,16 @@ impl RangefinderSource {
         if s.distance_m <= 0.0 || s.limits_m.is_some_and(outside) {
             return Err(Reason::OutOfRange);
         }
+        Ok(())
+    }
+
+    /// Takes a distance. A height when one is due: near the ground, where the ground is one.
+    pub(super) fn observe(
+        &mut self,
+        s: &RangeSample,
+        context: &Context<'_>,
+    ) -> Result<Option<HeightReading>, Reason> {
+        self.admit(s, context)?;
         let cosine = context.core.attitude.r_body_to_ned[(2, 2)];
         let height = context.core.height.height_m().filter(|_| cosine > MIN_COSINE);
         let height = height.ok_or(Reason::NoReferenceYet)?;

@@ -12,6 +12,8 @@ pub(in crate::navigator) mod every_source {
 
 /// Airspeed.
 pub(in crate::navigator) mod airspeed {
+    /// One that tells exactly the same for this long is stuck, s.
+    pub(in crate::navigator) const STUCK_S: f64 = 3.0;
     /// Noise is stated for samples this far apart, s: gusts last, and more samples tell no more.
     pub(in crate::navigator) const SAMPLE_INTERVAL_S: f64 = 0.2;
     /// Beyond this load a wing does not fly nose first, in g.
