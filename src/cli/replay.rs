@@ -225,7 +225,7 @@ fn print_report(
 
     outln!("\nWhat happened");
     for (t, event) in &outcome.events {
-        outln!("  {t:8.1} s  {:18} {}", event.kind.code(), event.kind);
+        outln!("  {t:8.1} s  {:18} {}", event.kind.code(), event);
     }
     print_learned(&runner.pipeline.navigator);
     print_innovations(&runner.pipeline.navigator);

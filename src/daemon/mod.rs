@@ -406,7 +406,7 @@ impl Daemon {
     fn tell_events(&mut self) {
         let events: Vec<_> = self.pipeline.navigator.drain_events().collect();
         for event in events {
-            self.say(severity_of(&event.kind), &event.kind.to_string());
+            self.say(severity_of(&event.kind), &event.to_string());
         }
     }
 

@@ -18,6 +18,15 @@ pub struct Event {
     pub time: AutopilotTime,
     /// What.
     pub kind: EventKind,
+    /// How often, since it was told before: what alternates is told once a minute.
+    pub times: u32,
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.kind)?;
+        if self.times > 1 { write!(f, ", {} times", self.times) } else { Ok(()) }
+    }
 }
 
 /// What happened.
@@ -313,27 +322,5 @@ impl fmt::Display for EventKind {
         self.write_heading(f)?;
         self.write_sensors(f)?;
         self.write_landmarks(f)
-    }
-}
-
-/// Events that nobody has taken yet. Kept short: whoever runs the navigator drains them.
-#[derive(Clone, Debug, Default)]
-pub(super) struct EventLog(Vec<Event>);
-
-impl EventLog {
-    pub(super) fn new() -> Self {
-        Self(Vec::with_capacity(64))
-    }
-
-    pub(super) fn tell(&mut self, time: AutopilotTime, kind: EventKind) {
-        self.0.push(Event { time, kind });
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    pub(super) fn drain(&mut self) -> impl Iterator<Item = Event> + '_ {
-        self.0.drain(..)
     }
 }

@@ -3,7 +3,8 @@
 use crate::altimeter::{AltimeterMemory, Change, Channel, Health, HeightFilter, HeightVerdict};
 use crate::time::AutopilotTime;
 
-use super::event::{EventKind, EventLog};
+use super::event::EventKind;
+use super::event_log::EventLog;
 use super::reset::Reset;
 use super::settings::HeightSettings;
 use super::verdict::{Reason, Verdict};

@@ -26,6 +26,7 @@ mod estimator;
 pub mod event;
 pub mod event_codes;
 mod flow_judge;
+mod event_log;
 mod heading_turn;
 mod height;
 pub mod judge;

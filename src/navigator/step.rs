@@ -35,6 +35,7 @@ impl Navigator {
             }
             Heard::Next(dt) => dt,
         };
+        self.core.events.go_on(s.time);
         if dt > max_gap_s {
             self.core.integrity.deaf(dt, self.core.settings.imu.bridge_s);
             self.core.integrity.check(s.time);

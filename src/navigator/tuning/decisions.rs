@@ -8,6 +8,14 @@ pub(in crate::navigator) mod core {
     pub(in crate::navigator) const LANDMARKS_CARRY_S: f64 = 1.5;
 }
 
+/// What is told.
+pub(in crate::navigator) mod event_log {
+    /// The same of the same source is told this often, s.
+    pub(in crate::navigator) const TOLD_EVERY_S: f64 = 60.0;
+    /// Events and words about sources that are expected; more cost an allocation.
+    pub(in crate::navigator) const EXPECTED: usize = 64;
+}
+
 /// The place.
 pub(in crate::navigator) mod environment {
     /// The year whose magnetic field is taken while no clock has told the date.

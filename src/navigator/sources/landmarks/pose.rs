@@ -11,7 +11,8 @@ use crate::landmark::{LandmarkPose, Observability};
 use crate::time::AutopilotTime;
 
 use super::super::super::context::Context;
-use super::super::super::event::{EventKind, EventLog};
+use super::super::super::event::EventKind;
+use super::super::super::event_log::EventLog;
 use super::super::super::monitor::gnss_integrity::{GnssFault, GnssState};
 use super::super::super::solution::Mode;
 use super::{LandmarkFrame, LandmarkSource};
