@@ -13,9 +13,9 @@ use super::event::{EventKind, TransitionReason};
 use super::event_log::EventLog;
 use super::height::HeightEstimate;
 use super::monitor::gnss_integrity::{GnssFault, GnssIntegrity};
-use super::monitor::heading_witness::HeadingWitness;
 use super::monitor::mode::{Decision, ModeInputs, decide};
 use super::monitor::outage::Outage;
+use super::monitor::witnesses::Witnesses;
 use super::observation::Fused;
 use super::published::Published;
 use super::reset::Reset;
@@ -49,7 +49,7 @@ pub(super) struct Core {
     pub(super) timeline: Timeline,
     pub(super) height: HeightEstimate,
     pub(super) integrity: GnssIntegrity,
-    pub(super) heading_witness: HeadingWitness,
+    pub(super) witnesses: Witnesses,
     pub(super) mode: Mode,
     pub(super) outage: Outage,
     pub(super) published: Published,
@@ -68,7 +68,7 @@ impl Core {
             timeline: Timeline::new(REMEMBERED),
             height: HeightEstimate::new(&settings.height),
             integrity: GnssIntegrity::new(settings.gnss.trust),
-            heading_witness: HeadingWitness::default(),
+            witnesses: Witnesses::default(),
             mode: Mode::Aligning,
             outage: Outage::new(),
             published: Published::default(),
@@ -321,7 +321,7 @@ impl Core {
         self.timeline.reset(reset);
         self.height.reset(reset, &self.settings.height);
         self.integrity.reset(reset);
-        self.heading_witness.forget();
+        self.witnesses.forget();
         self.published.reset(reset);
     }
 

@@ -8,8 +8,10 @@ use crate::time::AutopilotTime;
 
 use super::core::Core;
 use super::event::EventKind;
+use super::inertia;
 use super::monitor::GnssFault;
 use super::monitor::heading_witness::Turn;
+use super::monitor::inertia_witness::{Seen, Testimony};
 use super::reset::Reset;
 use super::solution::Mode;
 use super::sources::SourceSet;
@@ -28,13 +30,31 @@ pub(super) fn witness(
     let seen = reading.velocity_ne.zip(core.timeline.impulse(reading.measured));
     let sound = fault != Some(GnssFault::Inconsistent) && core.mode != Mode::Aligning;
     let Some((velocity_ne, impulse)) = seen.filter(|_| sound) else {
-        return core.heading_witness.forget();
+        return core.witnesses.heading.forget();
     };
-    core.heading_witness.observe(reading.measured, &velocity_ne, &impulse.xy());
-    if core.estimator.has_error_state()
-        && let Some(turn) = core.heading_witness.contradiction()
-    {
-        turn_heading(core, sources, now, reading, &turn);
+    if core.witnesses.inertia.is_out() {
+        return;
+    }
+    core.witnesses.heading.observe(reading.measured, &velocity_ne, &impulse.xy());
+    let change = core.witnesses.gnss.observe(Seen {
+        time: reading.measured,
+        position: reading.position_ned.xy(),
+        velocity: velocity_ne,
+        impulse: impulse.xy(),
+    });
+    if !core.estimator.has_error_state() {
+        return;
+    }
+    let said = core.witnesses.gnss.testimony(now);
+    let turn = match (core.witnesses.heading.contradiction(), said) {
+        (Some(turn), _) => Some(turn),
+        (None, Testimony::Turned(turn)) => Some(turn),
+        _ => None,
+    };
+    match turn {
+        Some(turn) if core.witnesses.turns(now) => turn_heading(core, sources, now, reading, &turn),
+        Some(_) => inertia::lose_to(core, now, reading),
+        None => inertia::hear_gnss(core, now, reading, said, change),
     }
 }
 
@@ -67,7 +87,7 @@ fn turn_heading(
     let start = Core::start_point(&core.settings, &core.height, &facts);
     core.estimator.align_by_motion(now, &estimate, &start);
     core.timeline.reset(&Reset::Relocated);
-    core.heading_witness.forget();
+    core.witnesses.forget();
     core.events.tell(now, EventKind::HeadingTurned(turn.angle));
     sources.magnetometer.contradict();
     let shift = position_ned - before;

@@ -91,6 +91,6 @@ pub(super) fn put(core: &mut Core, now: AutopilotTime, origin: Geodetic) {
         core.estimator.observer_mut().settle(environment);
     }
     core.timeline.reset(&Reset::Relocated);
-    core.heading_witness.forget();
+    core.witnesses.forget();
     core.events.tell(now, EventKind::Placed(turned));
 }

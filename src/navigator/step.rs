@@ -8,6 +8,7 @@ use super::context::{Context, SourceFacts};
 use super::core::Core;
 use super::estimator::{CarryInput, SeekInput, StepInput, StepOutcome, Stepped};
 use super::event::{EventKind, TransitionReason, Waits};
+use super::inertia;
 use super::monitor::GnssState;
 use super::reset::Reset;
 use super::sources::status::{SourceId, SourceKind};
@@ -16,6 +17,8 @@ use super::timeline::MotionNow;
 use super::vehicle::VehicleState;
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, landmark_fix, relative};
+use crate::navigator::tuning::height::UNKNOWN_VERTICAL;
+use crate::navigator::tuning::inertia_witness::{STUCK_FOR_S, WRONG_FOR_S};
 use crate::navigator::tuning::step::{HELD_FIELD_S, LONG_STEP_S};
 use crate::time::AutopilotTime;
 
@@ -46,7 +49,10 @@ impl Navigator {
         if dt > LONG_STEP_S {
             self.core.estimator.doubt(dt);
         }
-        let verdict = self.step(s, dt);
+        let verdict = match inertia::missing(&mut self.core, s.time) {
+            Some(reason) => self.coast_on(s, dt, reason),
+            None => self.step(s, dt),
+        };
         if self.core.mode == Mode::Aligning {
             relative::consider(&mut self.core, &mut self.sources, s);
         }
@@ -125,6 +131,23 @@ impl Navigator {
         Verdict::Used
     }
 
+    /// What the sample tells is not believed: the vehicle goes on as it went, less surely so from moment to moment.
+    fn coast_on(&mut self, s: &ImuSample, dt: f64, reason: Reason) -> Verdict {
+        let facts = self.sources.facts(&self.core);
+        let core = &mut self.core;
+        core.stream.pass_over(s);
+        let lag_s = if reason == Reason::Stuck { STUCK_FOR_S } else { WRONG_FOR_S };
+        if let Some(stepped) = core.estimator.coast_on(s, dt, lag_s) {
+            core.stand(&stepped);
+            let velocity_ned = core.remember(s, &stepped, Vector3::zeros());
+            core.estimator.observer_mut().propagate(s.time, &Vector3::zeros(), &velocity_ned);
+            core.height.predict(dt, 0.0, UNKNOWN_VERTICAL);
+            core.published.glide_height(dt, &core.settings.height);
+            self.advance(s, dt, &facts);
+        }
+        Verdict::Rejected(reason)
+    }
+
     fn after_step(&mut self, s: &ImuSample, dt: f64, outcome: &StepOutcome, facts: &SourceFacts) {
         let StepOutcome { stepped, report, fused, restarted, settled } = outcome;
         let core = &mut self.core;
@@ -141,6 +164,7 @@ impl Navigator {
         core.estimator.observer_mut().propagate(s.time, &stepped.injected_ned, &velocity_ned);
         let load = core.settings.height.accel_load_noise * stepped.acceleration_ned.norm();
         core.height.predict(dt, -stepped.acceleration_ned.z, load);
+        core.witnesses.barometer.feel(dt, -stepped.acceleration_ned.z);
         core.feel_ground(dt, facts);
         core.published.glide_height(dt, &core.settings.height);
         let mut facts = *facts;

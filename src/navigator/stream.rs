@@ -5,6 +5,7 @@ use crate::time::AutopilotTime;
 use nalgebra::Vector3;
 
 use super::reset::Reset;
+use super::stream_axes::AxisWatch;
 use super::verdict::Reason;
 use crate::navigator::tuning::stream::{BEHIND_S, FULL_FORCE, FULL_RATE, POSSIBLE, STUCK_S};
 
@@ -15,6 +16,7 @@ pub(super) struct ImuStream {
     last: Option<ImuSample>,
     /// Since when it has told the same.
     same_since: Option<AutopilotTime>,
+    axes: AxisWatch,
     /// Samples older than the newest, one after the other: the first and the last of them.
     behind: Option<(AutopilotTime, AutopilotTime)>,
 }
@@ -70,8 +72,21 @@ impl ImuStream {
         if self.is_stuck(s, disarmed) {
             return Heard::Refused(Reason::Stuck);
         }
+        if self.same_since.is_none() {
+            self.axes.hear(s, !disarmed);
+        }
         self.newest = Some(s.time);
         Heard::Next(dt)
+    }
+
+    /// Whether one of its axes stands still while the others move: what it tells is no motion.
+    pub(super) fn has_stuck_axis(&self) -> bool {
+        self.axes.is_stuck()
+    }
+
+    /// The sample is not navigated on, and the stream goes on after it.
+    pub(super) fn pass_over(&mut self, s: &ImuSample) {
+        self.last = Some(*s);
     }
 
     /// A sample older than the newest. One may be late; a stream of them is a clock that was set back, and then everything that is
@@ -117,6 +132,7 @@ impl ImuStream {
         }
         if reset.reboots() {
             self.newest = None;
+            self.axes = AxisWatch::default();
         }
         if reset.sets_clock_back() {
             self.same_since = None;

@@ -11,6 +11,7 @@ use crate::time::AutopilotTime;
 use super::context::Context;
 use super::event::{EventKind, TransitionReason};
 use super::height::{HeightReading, verdict};
+use super::inertia;
 use super::monitor::gnss_integrity::{GnssFault, Standing};
 use super::observation::{Fused, Observation};
 use super::reset::Reset;
@@ -95,6 +96,7 @@ impl Navigator {
         if read.another {
             self.core.height.another(read.reading.channel);
         }
+        inertia::hear_barometer(&mut self.core, s.time, &read.reading);
         match (read.usable, self.core.stream.newest()) {
             (Ok(()), Some(now)) => verdict(self.take_height(now, &read.reading)),
             (Err(reason), _) => Verdict::Rejected(reason),
@@ -242,7 +244,8 @@ impl Navigator {
 
     /// GNSS is trusted again: the estimate moves to it at once, the published position stays and glides after it.
     fn rejoin(&mut self, now: AutopilotTime, reading: &FixReading) {
-        if self.core.estimator.yaw_sigma().is_some_and(|sigma| sigma > LOST_YAW) {
+        let feels = !self.core.witnesses.inertia.is_out();
+        if feels && self.core.estimator.yaw_sigma().is_some_and(|sigma| sigma > LOST_YAW) {
             // No correction that is linear finds a heading that may be any: it is sought as at the start.
             self.reset(&Reset::StreamBroken);
             self.core.change_mode(now, Mode::Aligning, TransitionReason::HeadingLost);

@@ -76,7 +76,7 @@ impl Core {
 
     /// Variance of roll, pitch and yaw, rad².
     pub(super) fn attitude_variance(&self, facts: &SourceFacts) -> Vector3<f64> {
-        if self.mode == Mode::Aligning {
+        if self.mode == Mode::Aligning || self.witnesses.inertia.is_doubted() {
             return Vector3::repeat(UNKNOWN_ATTITUDE.powi(2));
         }
         if let Some(c) = self.estimator.attitude_covariance() {

@@ -239,9 +239,10 @@ impl Outbound {
         }
     }
 
-    /// -1 when lost, else 100 for perfect down to 1 at the largest uncertainty allowed. Never 0: that means "not known".
+    /// -1 when lost, or when the attitude is not known, which turns the body's velocity; else 100 for perfect down to 1 at the largest uncertainty allowed. Never 0: that means "not known".
     pub fn quality(&self, s: &Solution) -> i8 {
-        if s.mode == Mode::Lost {
+        let tilt = s.attitude_variance.xy().max();
+        if s.mode == Mode::Lost || tilt > WORST_TILT_RAD.powi(2) || tilt.is_nan() {
             return -1;
         }
         let used = (s.horizontal_sigma_m() / self.settings.worst_sigma_m).clamp(0.0, 1.0);
@@ -251,6 +252,8 @@ impl Outbound {
 
 /// An autopilot has forgotten what it was sent after this long, s.
 const INDEPENDENT_AFTER_S: f64 = 10.0;
+/// A vehicle whose tilt is not known better than this, rad, does not know where it goes.
+const WORST_TILT_RAD: f64 = 0.4;
 /// Variance of the angular rate that is sent along, rad²/s²: a MEMS gyro's.
 const RATE_VARIANCE: f64 = 1e-4;
 

@@ -365,6 +365,16 @@ impl ErrorStateStage {
         self.filter.is_finite().then(|| self.stepped(s, Vector3::zeros()))
     }
 
+    /// `dt` s without inertia, as part of a time without it that goes from one of `span_s` to the other. `None` when that is not finite.
+    pub(super) fn coast_on(&mut self, s: &ImuSample, dt: f64, span_s: [f64; 2]) -> Option<Stepped> {
+        self.filter.coast(dt);
+        let state = self.filter.state();
+        let v = self.filter.velocity_covariance();
+        let doubt = hole::doubt_more(span_s, state.velocity_ned.norm(), v[(0, 0)].max(v[(1, 1)]));
+        self.filter.doubt(&doubt);
+        self.filter.is_finite().then(|| self.stepped(s, Vector3::zeros()))
+    }
+
     /// Which way is up was found again; `field`: what the magnetometer has told since, and what the place has, with its noise, T.
     pub(super) fn level(
         &mut self,

@@ -55,6 +55,21 @@ pub(super) fn doubt_beyond(gap_s: f64, speed_mps: f64) -> Doubt {
     }
 }
 
+/// What more may have happened from one time to another, `span_s`, since there is no inertia, to a vehicle at `speed_mps` whose velocity is known
+/// with `variance`, (m/s)²: the Gauss-Markov process goes on from there, v̇ar = 2 (σ² − var)/τ. A measured velocity is used up by it and not kept.
+pub(super) fn doubt_more(span_s: [f64; 2], speed_mps: f64, variance: f64) -> Doubt {
+    let [from, to] = span_s.map(|t| doubt_beyond(t.max(f64::MIN_POSITIVE), speed_mps));
+    let more = |a: f64, b: f64| (b * b - a * a).max(0.0).sqrt();
+    let sigma = (speed_mps * FRAC_1_SQRT_2).max(LEAST_SPEED);
+    let lost = 1.0 - (-2.0 * (span_s[1] - span_s[0]) / CORRELATED_S).exp();
+    Doubt {
+        tilt: more(from.tilt, to.tilt),
+        yaw: more(from.yaw, to.yaw),
+        velocity: ((sigma * sigma - variance).max(0.0) * lost).sqrt(),
+        ..Doubt::NONE
+    }
+}
+
 /// The attitude is being found again: what was felt since the hole, in the axes that the attitude so far makes of NED. They are turned
 /// against NED's by the error of that attitude, which is constant while the gyros carry it.
 #[derive(Clone, Copy, Debug, Default)]

@@ -62,6 +62,8 @@ pub(super) struct EstimatorStack {
     jitter: Jitter,
     /// After a long hole, until the attitude is found again.
     settling: Option<Settling>,
+    /// Without inertia, for this long, s.
+    coasted_s: Option<f64>,
 }
 
 impl EstimatorStack {
@@ -77,6 +79,7 @@ impl EstimatorStack {
             heading: HeadingSearch::default(),
             jitter: Jitter::default(),
             settling: None,
+            coasted_s: None,
         }
     }
 
@@ -241,8 +244,9 @@ impl EstimatorStack {
         environment: &LocalEnvironment,
     ) -> Fused {
         let mut fused = Fused::nothing();
-        if self.is_settling() {
-            // A velocity would be turned by an attitude that is not known yet.
+        let turned = !matches!(observation, Observation::Fix { .. });
+        if self.is_settling() || self.coasted_s.is_some() && turned {
+            // A velocity would be turned by an attitude that is not known.
             return fused;
         }
         match &mut self.stage {
@@ -482,6 +486,35 @@ impl EstimatorStack {
         Some(stepped)
     }
 
+    /// `dt` s without inertia: the velocity is what it was, with the doubt that vehicles leave. `None` when there is no filter; `lag_s`: for how long
+    /// the inertia had been wrong before that was known, s.
+    pub(super) fn coast_on(&mut self, s: &ImuSample, dt: f64, lag_s: f64) -> Option<Stepped> {
+        let begins = self.coasted_s.is_none();
+        let from_s = self.coasted_s.unwrap_or(0.0);
+        let stage = self.error_state_mut()?;
+        let to_s = if begins { lag_s + dt } else { from_s + dt };
+        let stepped = stage.coast_on(s, dt, [from_s, to_s])?;
+        self.coasted_s = Some(to_s);
+        self.settling = None;
+        self.follow_filter();
+        Some(stepped)
+    }
+
+    /// The inertia has been wrong for a while: what it has done to position and velocity, m and m/s, may be that much.
+    pub(super) fn doubt_motion(&mut self, position: f64, velocity: f64) {
+        if let Some(stage) = self.error_state_mut() {
+            let correlation = 0.75f64.sqrt();
+            stage.filter_mut().doubt(&Doubt { position, velocity, correlation, ..Doubt::NONE });
+        }
+    }
+
+    /// There is inertia again: the attitude is found anew.
+    pub(super) fn feel_again(&mut self) {
+        if self.coasted_s.take().is_some() && self.has_error_state() {
+            self.settling = Some(Settling::default());
+        }
+    }
+
     /// The observer has no such memory: it goes on from where the filter is.
     fn follow_filter(&mut self) {
         let Some(filter) = self.filter_state().copied() else { return };
@@ -578,6 +611,7 @@ impl EstimatorStack {
                 }
                 self.heading = HeadingSearch::default();
                 self.settling = None;
+                self.coasted_s = None;
                 if reset.reboots() {
                     self.observer.state = None;
                 }

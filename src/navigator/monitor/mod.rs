@@ -3,7 +3,10 @@
 pub mod budget;
 pub mod gnss_integrity;
 pub(super) mod heading_witness;
+pub(super) mod inertia_trust;
+pub(super) mod inertia_witness;
 pub(super) mod mode;
 pub(super) mod outage;
+pub(super) mod witnesses;
 
 pub use gnss_integrity::{GnssFault, GnssState};

@@ -94,6 +94,42 @@ pub(in crate::navigator) mod heading_witness {
     pub(in crate::navigator) const SPEED_SIGMA: f64 = 0.7;
 }
 
+/// Witnesses of the IMU.
+pub(in crate::navigator) mod inertia_witness {
+    /// Inertia contradicts what is seen when they are apart by so many times what is usual in a window, and by no less than this, m/s²: a tilt that is
+    /// off by 7°; and by this while what is usual is not known: 18°.
+    pub(in crate::navigator) const TIMES_USUAL: f64 = 5.0;
+    pub(in crate::navigator) const LEAST_MPS2: f64 = 1.2;
+    pub(in crate::navigator) const UNKNOWN_MPS2: f64 = 3.0;
+    /// What is usual is known after so many windows, and forgets by this part a window.
+    pub(in crate::navigator) const USUAL_WINDOWS: u32 = 20;
+    pub(in crate::navigator) const USUAL_GAIN: f64 = 0.02;
+    pub(in crate::navigator) const UNUSUAL_GAIN: f64 = 0.002;
+    /// Latency, scale and heading make this part of a motion be apart.
+    pub(in crate::navigator) const EXPLAINED: f64 = 0.5;
+    /// It is wrong when so many of so many windows say so, none of them older than this, s.
+    pub(in crate::navigator) const WINDOWS: usize = 5;
+    pub(in crate::navigator) const MOST_OF: usize = 4;
+    pub(in crate::navigator) const MEMORY_S: f64 = 9.0;
+    /// A witness that accelerates by more than this between two of its own velocities is none, m/s²: small vehicles cannot, receivers that are
+    /// lost do. Nor is one whose position moves otherwise than its velocity by this much in a window, m.
+    pub(in crate::navigator) const FASTEST_MPS2: f64 = 20.0;
+    pub(in crate::navigator) const STRAYS_M: f64 = 5.0;
+    /// What the filter's own doubt of its tilt explains so many sigmas of, is no fault of the IMU's.
+    pub(in crate::navigator) const TILT_SIGMAS: f64 = 2.0;
+    /// An IMU that was contradicted is tried again after this long, s, and after twice as long each time that it fails, at most this long, s.
+    pub(in crate::navigator) const FIRST_TRIAL_S: f64 = 10.0;
+    pub(in crate::navigator) const LAST_TRIAL_S: f64 = 160.0;
+    /// It passes a trial that was so long, s, and saw so much motion, a sum of squares, (m/s)².
+    pub(in crate::navigator) const TRIAL_S: f64 = 10.0;
+    pub(in crate::navigator) const TRIAL_MOTION: f64 = 12.0;
+    /// A heading that has to be turned again within this, s, is not what is wrong.
+    pub(in crate::navigator) const TURNED_S: f64 = 60.0;
+    /// What it has done until it was found, s: a stuck axis, a contradicted one.
+    pub(in crate::navigator) const STUCK_FOR_S: f64 = 0.5;
+    pub(in crate::navigator) const WRONG_FOR_S: f64 = 5.0;
+}
+
 /// Dead reckoning.
 pub(in crate::navigator) mod outage {
     /// What carries is told when it has carried for this long, s.
@@ -138,6 +174,18 @@ pub(in crate::navigator) mod stream {
     pub(in crate::navigator) const POSSIBLE: f64 = 1e4;
     /// An IMU in the air that tells the same six numbers for this long is stuck, s.
     pub(in crate::navigator) const STUCK_S: f64 = 0.5;
+    /// An axis is stuck when a run of equal values of its own would come with less than this probability, ln (once in 10^9 samples: years of
+    /// flight), and lasts for this many samples, and so many times the longest run. Axes change with nearly every sample: no mean run is taken for
+    /// shorter than this.
+    pub(in crate::navigator) const AXIS_ALARM_LOG: f64 = -20.7;
+    pub(in crate::navigator) const AXIS_LEAST_RUN: u32 = 10;
+    pub(in crate::navigator) const AXIS_TIMES_LONGEST: u32 = 3;
+    pub(in crate::navigator) const AXIS_SHORTEST_RUN: f64 = 1.05;
+    /// A mean run is known after so many, and forgets by this part a run.
+    pub(in crate::navigator) const AXIS_RUNS: u32 = 50;
+    pub(in crate::navigator) const AXIS_RUN_GAIN: f64 = 0.01;
+    /// A stuck axis that changes with this many samples in a row is sound.
+    pub(in crate::navigator) const AXIS_MOVES: u32 = 10;
     /// A stream that goes on in the past for this long has another clock than it had, s.
     pub(in crate::navigator) const BEHIND_S: f64 = 0.2;
 }

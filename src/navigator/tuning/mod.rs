@@ -8,8 +8,8 @@ mod estimation;
 mod sensing;
 
 pub(super) use decisions::{
-    budget, core, environment, event_log, gnss_integrity, heading_witness, height, landmark_fix, memory,
-    outage, published, relative, step, stream, uncertainty, vehicle,
+    budget, core, environment, event_log, gnss_integrity, heading_witness, height, inertia_witness,
+    landmark_fix, memory, outage, published, relative, step, stream, uncertainty, vehicle,
 };
 pub(super) use estimation::{
     error_state, estimator, estimator_step, exogenous, heading, hole, lookback, observer,

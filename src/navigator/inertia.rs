@@ -1,0 +1,112 @@
+//! The IMU is wrong, and what becomes of the estimate then.
+//!
+//! Without inertia the velocity is what it was, with the doubt that vehicles leave (see the estimator's hole). GNSS is followed all the same, if it is there; the
+//! attitude is not known, nothing that is turned by it is used, and nobody is to rely on what is published. See
+//! [`super::monitor::inertia_trust`] for the way back.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::altimeter::Channel;
+use crate::geo::STANDARD_GRAVITY_MPS2;
+use crate::time::AutopilotTime;
+
+use super::Mode;
+use super::core::Core;
+use super::height::HeightReading;
+use super::judge::{self, Charge};
+use super::monitor::inertia_witness::Testimony;
+use super::reset::Reset;
+use super::sources::gnss::FixReading;
+use super::sources::status::{SourceId, SourceKind};
+use super::verdict::Reason;
+use crate::navigator::tuning::inertia_witness::{LEAST_MPS2, TILT_SIGMAS, UNKNOWN_MPS2, WRONG_FOR_S};
+
+const IMU: SourceId = SourceId::only(SourceKind::Imu);
+
+/// Whether the newest sample is not to be navigated on, and why not.
+pub(super) fn missing(core: &mut Core, now: AutopilotTime) -> Option<Reason> {
+    if core.stream.has_stuck_axis() {
+        if core.witnesses.inertia.sticks() {
+            core.witnesses.forget();
+        }
+        return Some(Reason::Stuck);
+    }
+    let judged = core.integrity.trusted() || core.mode == Mode::Aligning;
+    if core.witnesses.inertia.moves() || core.witnesses.inertia.tries(now, judged) {
+        core.witnesses.forget();
+        core.estimator.feel_again();
+    }
+    core.witnesses.inertia.is_out().then_some(Reason::ContradictsMotion)
+}
+
+/// What a fix that is sound in itself says, which may end a window in which the velocity changed by `change`, m/s: where inertia differs from GNSS all the time, inertia is wrong, and GNSS is not.
+pub(super) fn hear_gnss(
+    core: &mut Core,
+    now: AutopilotTime,
+    reading: &FixReading,
+    said: Testimony,
+    change: Option<f64>,
+) {
+    match said {
+        Testimony::Contradicts if knows_tilt(core, core.witnesses.gnss.limit()) => {
+            lose_to(core, now, reading)
+        }
+        Testimony::Agrees => {
+            if change.is_some_and(|change| core.witnesses.inertia.agrees(now, change)) {
+                judge::acquit(core, now, IMU);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// The IMU is not navigated on, and the fix is.
+pub(super) fn lose_to(core: &mut Core, now: AutopilotTime, reading: &FixReading) {
+    lose(core, now);
+    follow(core, now, reading);
+}
+
+/// A height of the first barometer. What the altimeter makes of it does not matter: it stands on the inertia that is in question.
+pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &HeightReading) {
+    if reading.channel != Channel::Baro {
+        return;
+    }
+    if core.witnesses.inertia.is_out() || core.mode == Mode::Aligning {
+        return core.witnesses.barometer.forget();
+    }
+    core.witnesses.barometer.observe(now, reading.height_m);
+    if knows_tilt(core, LEAST_MPS2) && core.witnesses.barometer.testimony(now) == Testimony::Contradicts {
+        lose(core, now);
+    }
+}
+
+/// Whether the filter is so sure of its tilt that what is apart by `mps2` is not explained by that.
+fn knows_tilt(core: &Core, mps2: f64) -> bool {
+    let tilt = |c: Matrix3<f64>| (0.5 * (c[(0, 0)] + c[(1, 1)])).sqrt();
+    let known = |c| TILT_SIGMAS * STANDARD_GRAVITY_MPS2 * tilt(c) < mps2;
+    core.estimator.has_error_state() && core.estimator.attitude_covariance().is_some_and(known)
+}
+
+/// The IMU is not navigated on. What it has done to the estimate until now is as uncertain as it was wrong.
+fn lose(core: &mut Core, now: AutopilotTime) {
+    core.witnesses.inertia.contradict(now);
+    core.witnesses.forget();
+    judge::accuse(core, now, IMU, Charge::ContradictsOthers);
+    let velocity = UNKNOWN_MPS2 * WRONG_FOR_S;
+    core.estimator.doubt_motion(0.5 * velocity * WRONG_FOR_S, velocity);
+}
+
+/// The estimate goes to the fix, as on the way back from an outage.
+fn follow(core: &mut Core, now: AutopilotTime, reading: &FixReading) {
+    let Some((before, _)) = core.estimator.estimate() else { return };
+    let e_v = reading.velocity_error.unwrap_or_default();
+    let shift = reading.position_error + e_v * now.seconds_since(reading.measured);
+    let shift = Vector3::new(shift.x, shift.y, 0.0);
+    let position_ne = (before + shift).xy();
+    let sigma = reading.sigma_on_return();
+    core.estimator.rejoin(&reading.innovation, &position_ne, reading.velocity_error.as_ref(), sigma);
+    core.timeline.reset(&Reset::Relocated);
+    core.published.stays(&shift);
+    core.integrity.acquit(now);
+    core.came_back(now);
+}
