@@ -90,8 +90,6 @@ pub enum EventKind {
     HeadingFound(f64),
     /// Motion contradicts the heading: it was turned by so much, rad, and the magnetometer is not believed.
     HeadingTurned(f64),
-    /// The magnetometer agrees with the heading again.
-    MagnetometerAgrees,
     /// The landmarks in view give a pose.
     LandmarksFound,
     /// They do so no more.
@@ -220,7 +218,6 @@ impl EventKind {
             EventKind::HeadingSought => "heading-sought",
             EventKind::HeadingFound(_) => "heading-found",
             EventKind::HeadingTurned(_) => "heading-turned",
-            EventKind::MagnetometerAgrees => "magnetometer-agrees",
             _ => self.landmark_code(),
         }
     }
@@ -270,7 +267,6 @@ impl EventKind {
             EventKind::HeadingTurned(by) => {
                 write!(f, "compass wrong: heading turned {:+.0} deg", by.to_degrees())
             }
-            EventKind::MagnetometerAgrees => write!(f, "compass agrees with motion again"),
             _ => Ok(()),
         }
     }

@@ -111,11 +111,6 @@ pub const EVENTS: &[EventCode] = &[
         "GNSS and accelerometers agree on another heading than the magnetometer's; it was turned, and the magnetometer is not used.",
         "Calibrate the compass; look for currents and iron near it.",
     ),
-    event(
-        "magnetometer-agrees",
-        "The magnetometer agrees with the heading from motion, and is used again.",
-        "Nothing.",
-    ),
     event("landmarks-found", "Known landmarks are in view and give a pose.", "Nothing."),
     event("landmarks-lost", "They are not any more.", "Nothing."),
     event(
@@ -174,7 +169,6 @@ mod tests {
             EventKind::HeadingSought,
             EventKind::HeadingFound(0.1),
             EventKind::HeadingTurned(1.0),
-            EventKind::MagnetometerAgrees,
             EventKind::LandmarksFound,
             EventKind::LandmarksLost,
             EventKind::LandmarkContradicts(1),

@@ -41,7 +41,7 @@ impl Subject {
             EventKind::Receiver(id) => Self::Receiver(*id),
             EventKind::Carried(_) => Self::Carried,
             EventKind::Bridged(_) => Self::Bridged,
-            EventKind::HeadingTurned(_) | EventKind::MagnetometerAgrees => Self::Heading,
+            EventKind::HeadingTurned(_) => Self::Heading,
             EventKind::LandmarkContradicts(id) => Self::Landmark(*id),
             EventKind::LandmarksFound | EventKind::LandmarksLost => Self::Landmarks,
             EventKind::LandmarksApart(_)

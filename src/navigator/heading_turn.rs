@@ -9,13 +9,16 @@ use crate::time::AutopilotTime;
 use super::core::Core;
 use super::event::EventKind;
 use super::inertia;
+use super::judge::{self, Charge};
 use super::monitor::GnssFault;
 use super::monitor::heading_witness::Turn;
 use super::monitor::inertia_witness::{Seen, Testimony};
 use super::reset::Reset;
 use super::solution::Mode;
 use super::sources::SourceSet;
+use super::sources::compass_step::Departure;
 use super::sources::gnss::FixReading;
+use super::sources::status::SourceId;
 use crate::navigator::tuning::heading_witness::{GYRO_BIAS_SIGMA, SPEED_SIGMA, TILT_SIGMA};
 
 /// A fix, whatever the monitor made of it: `verdict`. Where GNSS agrees with itself, and a turn of the heading makes the accelerometers
@@ -89,9 +92,24 @@ fn turn_heading(
     core.timeline.reset(&Reset::Relocated);
     core.witnesses.forget();
     core.events.tell(now, EventKind::HeadingTurned(turn.angle));
-    sources.magnetometer.contradict();
+    sources.magnetometer.contradict(Charge::ContradictsMotion);
     let shift = position_ned - before;
     core.published.stays(&Vector3::new(shift.x, shift.y, 0.0));
     core.integrity.acquit(now);
     core.came_back(now);
+}
+
+/// What a magnetometer's sample has shown of itself, or of the gyros: who is wrong is charged, and acquitted when it is believed again.
+pub(super) fn weigh_compass(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, source: SourceId) {
+    // With GNSS, motion shows which of the two it is.
+    if let Some(Departure::Drifted(rate)) = sources.magnetometer.departed()
+        && core.dead_reckoning()
+    {
+        inertia::doubt_gyros(core, now, rate);
+    }
+    match sources.magnetometer.contradicted() {
+        Some(_) if sources.magnetometer.takes_back(now) => judge::acquit(core, now, source),
+        Some(charge) => judge::accuse(core, now, source, charge),
+        None => inertia::settle_gyros(core, now),
+    }
 }

@@ -16,6 +16,7 @@ use crate::time::AutopilotTime;
 
 use super::Navigator;
 use super::event::{EventKind, TransitionReason};
+use super::judge::Charge;
 use super::solution::Mode;
 use crate::navigator::tuning::memory::{LARGEST_OFFSET_M, MOST_GAP_S};
 
@@ -179,7 +180,7 @@ pub(super) fn snapshot(navigator: &Navigator) -> Option<Snapshot> {
             barometers: sources.barometer.sensors(),
             ground: sources.rangefinders.ground(),
             takeoff: sources.takeoff.memory(),
-            compass_wrong: sources.magnetometer.contradicted(),
+            compass_wrong: sources.magnetometer.contradicted().is_some(),
             drag_spread: sources.drag.spread(),
         },
         flew_disarmed: core.vehicle.flew_disarmed(),
@@ -258,7 +259,7 @@ fn restore(
     }
     navigator.sources.takeoff.recall(kept.sensors.takeoff);
     if kept.sensors.compass_wrong {
-        navigator.sources.magnetometer.contradict();
+        navigator.sources.magnetometer.contradict(Charge::ContradictsMotion);
     }
     recall(navigator, &kept.sensors)
 }

@@ -34,15 +34,12 @@ impl Navigator {
 
     pub(super) fn magnetometer(&mut self, s: &MagSample) -> Verdict {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
-        match self.sources.magnetometer.observe(s, &context) {
-            Err(reason) => {
-                if reason == Reason::ContradictsMotion && self.sources.magnetometer.takes_back(s.time) {
-                    self.core.events.tell(s.time, EventKind::MagnetometerAgrees);
-                }
-                Verdict::Rejected(reason)
-            }
+        let source = SourceId { kind: SourceKind::Magnetometer, id: s.sensor };
+        let observed = self.sources.magnetometer.observe(s, &context);
+        heading_turn::weigh_compass(&mut self.core, &mut self.sources, s.time, source);
+        match observed {
+            Err(reason) => Verdict::Rejected(reason),
             Ok(observation) => {
-                let source = SourceId { kind: SourceKind::Magnetometer, id: s.sensor };
                 if self.fuse(s.time, source, &observation).gated(Measured::Magnetometer) {
                     Verdict::Rejected(Reason::Innovation)
                 } else {

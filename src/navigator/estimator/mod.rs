@@ -30,6 +30,7 @@ use super::settings::{Estimator as Kind, NavigatorSettings};
 use super::solution::Mode;
 use super::timeline::Timeline;
 
+use crate::navigator::tuning::compass_step::LEAST_STEP;
 use crate::navigator::tuning::estimator::{AIDED_SPEED_SIGMA, UNKNOWN_SPEED_SIGMA};
 use crate::navigator::tuning::observer::WAIT_FOR_MAGNETOMETER_S;
 pub(super) use error_state::StartPoint;
@@ -505,6 +506,14 @@ impl EstimatorStack {
         if let Some(stage) = self.error_state_mut() {
             let correlation = 0.75f64.sqrt();
             stage.filter_mut().doubt(&Doubt { position, velocity, correlation, ..Doubt::NONE });
+        }
+    }
+
+    /// The gyros' bias may have changed by `rate`, rad/s, and the heading by what that did since: the magnetometer shows it.
+    pub(super) fn doubt_gyro_bias(&mut self, rate: f64) {
+        if let Some(stage) = self.error_state_mut() {
+            stage.filter_mut().doubt_gyro_bias(rate);
+            stage.filter_mut().doubt(&Doubt { yaw: LEAST_STEP, ..Doubt::NONE });
         }
     }
 

@@ -3,6 +3,7 @@
 //! One with a stuck axis is, as soon as that moves again. One that was contradicted is tried again after a while, with GNSS to judge it by: it is believed
 //! when it agrees for long enough, through a motion that would have shown what was wrong, and else the next trial comes twice as late.
 
+use crate::navigator::tuning::compass_step::SETTLED_S;
 use crate::navigator::tuning::inertia_witness::{FIRST_TRIAL_S, LAST_TRIAL_S, TRIAL_MOTION, TRIAL_S};
 use crate::time::AutopilotTime;
 
@@ -27,6 +28,8 @@ pub(in super::super) struct InertiaTrust {
     failed: u32,
     /// Squares of the changes of velocity that the trial has seen, (m/s)².
     motion: f64,
+    /// When a gyro's bias was found to have changed.
+    drifted: Option<AutopilotTime>,
 }
 
 impl InertiaTrust {
@@ -64,6 +67,17 @@ impl InertiaTrust {
     pub(in super::super) fn contradict(&mut self, now: AutopilotTime) {
         self.failed = if self.on_trial() { self.failed.saturating_add(1) } else { 0 };
         self.standing = Standing::Contradicted(now);
+    }
+
+    /// A gyro's bias has changed.
+    pub(in super::super) fn drifts(&mut self, now: AutopilotTime) {
+        self.drifted = Some(now);
+    }
+
+    /// True once when it has not for long enough.
+    pub(in super::super) fn settles(&mut self, now: AutopilotTime) -> bool {
+        let settled = self.drifted.is_some_and(|t| now.seconds_since(t) > SETTLED_S);
+        settled && self.drifted.take().is_some()
     }
 
     /// Somebody can judge it. True when a trial begins.

@@ -2,16 +2,20 @@
 
 use nalgebra::Vector3;
 
+use crate::geo::so3;
 use crate::sample::MagSample;
 use crate::time::{AutopilotTime, Span};
 
 use super::super::context::Context;
+use super::super::judge::Charge;
 use super::super::observation::Observation;
 use super::super::reset::Reset;
 use super::super::solution::Mode;
 use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
+use super::compass_step::{Departure, Heard, StepWatch};
 use super::status::SourceHealth;
+use crate::navigator::tuning::compass_step::KNOWN_YAW;
 use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::magnetometer::{
     AGREES, AGREES_S, DIP_LEAST_S, DIP_MEAN_S, FEELS_GRAVITY, LARGEST_DIP, STUCK_LOOK_S, STUCK_RATE, STUCK_S,
@@ -37,8 +41,11 @@ pub(in super::super) struct MagnetometerSource {
     /// Mean of how much steeper it dips than Earth's field, rad, over how long, s, and since when.
     dip: (f64, f64),
     dip_heard: Option<AutopilotTime>,
-    /// Motion has contradicted it, or its dip …
-    contradicted: bool,
+    /// Motion has contradicted it, or its dip, or the gyros: with what …
+    contradicted: Option<Charge>,
+    /// Its heading against the gyros', and how it left that, until somebody has heard of it.
+    steps: StepWatch,
+    departed: Option<Departure>,
     /// … and since when it has agreed with the heading again.
     agrees_since: Option<AutopilotTime>,
 }
@@ -84,7 +91,7 @@ impl MagnetometerSource {
         }
         if self.is_dipped(s, &field_ned, context) {
             // At another heading the same iron may leave the dip right, and the heading wrong.
-            self.contradict();
+            self.contradict(Charge::Impossible);
             return Err(Reason::FieldDirection);
         }
         if context.is_late(s.time, LATE_S) {
@@ -93,6 +100,7 @@ impl MagnetometerSource {
         if self.is_stuck(s, context.now(), &context.core.timeline) {
             return Err(Reason::Stuck);
         }
+        self.watch_steps(s, &field_ned, context);
         if !self.is_believed(s, &field_ned, context) {
             return Err(Reason::ContradictsMotion);
         }
@@ -141,29 +149,65 @@ impl MagnetometerSource {
         over_s > DIP_LEAST_S && mean.abs() > LARGEST_DIP
     }
 
-    /// Whether motion has contradicted it, and it has not been believed again.
-    pub(in super::super) fn contradicted(&self) -> bool {
+    /// The heading of the field against the filter's, while that is known.
+    fn watch_steps(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) {
+        let core = context.core;
+        let known = core.mode != Mode::Aligning
+            && !core.estimator.is_settling()
+            && !core.witnesses.inertia.is_doubted()
+            && core.estimator.yaw_sigma().is_some_and(|sigma| sigma < KNOWN_YAW);
+        let attitude = core.timeline.attitude(s.time).unwrap_or(core.attitude.r_body_to_ned);
+        if !known || self.contradicted.is_some() {
+            return self.steps.forget();
+        }
+        let field = s.field.raw();
+        let turn = |from: &Vector3<f64>, to: &Vector3<f64>| {
+            (from.x * to.y - from.y * to.x).atan2(from.xy().dot(&to.xy()))
+        };
+        let change = |(then, was): &(AutopilotTime, Vector3<f64>)| {
+            let dt = s.time.seconds_since(*then);
+            let turned = so3::exp(&(core.timeline.mean_rate(*then, s.time)? * -dt));
+            Some(turn(&(attitude * turned * was), &(attitude * field)))
+        };
+        let heard = Heard {
+            field: (s.time, field),
+            delta: turn(&(attitude * field), field_ned),
+            rate: core.attitude.angular_rate_body.norm(),
+            change: &change,
+        };
+        let Some(departure) = self.steps.observe(&heard) else { return };
+        self.departed = Some(departure);
+        if let Departure::Stepped(_) = departure {
+            self.contradict(Charge::ContradictsInertia);
+        }
+    }
+
+    /// How its heading has left the gyros' since this was asked last.
+    pub(in super::super) fn departed(&mut self) -> Option<Departure> {
+        self.departed.take()
+    }
+
+    /// What has contradicted it, until it is believed again.
+    pub(in super::super) fn contradicted(&self) -> Option<Charge> {
         self.contradicted
     }
 
-    /// Motion shows another heading than it does.
-    pub(in super::super) fn contradict(&mut self) {
+    /// Motion shows another heading than it does, or its own field cannot be right.
+    pub(in super::super) fn contradict(&mut self, charge: Charge) {
         self.newest = None;
-        self.contradicted = true;
+        self.contradicted.get_or_insert(charge);
         self.agrees_since = None;
     }
 
     /// Whether it is believed again: it has agreed with the heading for long enough.
     pub(in super::super) fn takes_back(&mut self, now: AutopilotTime) -> bool {
-        let back =
-            self.contradicted && self.agrees_since.is_some_and(|since| now.seconds_since(since) > AGREES_S);
-        self.contradicted &= !back;
-        back
+        let agrees = self.agrees_since.is_some_and(|since| now.seconds_since(since) > AGREES_S);
+        agrees && self.contradicted.take().is_some()
     }
 
     /// Whether motion has not contradicted it; if it has, the field is set against the heading that motion has shown.
     fn is_believed(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) -> bool {
-        if !self.contradicted {
+        if self.contradicted.is_none() {
             return true;
         }
         // Before there is a heading to set it against, a dip that is right has to do.
@@ -176,15 +220,17 @@ impl MagnetometerSource {
 
     /// What is known against it.
     pub(super) fn health(&self) -> SourceHealth {
-        let faulty =
-            self.same.is_some_and(|s| s.stuck) || self.contradicted || self.dip.0.abs() > LARGEST_DIP;
+        let faulty = self.same.is_some_and(|s| s.stuck)
+            || self.contradicted.is_some()
+            || self.dip.0.abs() > LARGEST_DIP;
         if faulty { SourceHealth::Faulty } else { SourceHealth::Healthy }
     }
 
     pub(super) fn reset(&mut self, reset: &Reset) {
         if reset.reboots() {
             self.newest = None;
-            self.contradicted = false;
+            self.contradicted = None;
+            self.steps.forget();
             self.dip = (0.0, 0.0);
         }
         if reset.sets_clock_back() {

@@ -275,6 +275,31 @@ pub(in crate::navigator) mod magnetometer {
     pub(in crate::navigator) const AGREES_S: f64 = 30.0;
 }
 
+/// The magnetometer against the gyros.
+pub(in crate::navigator) mod compass_step {
+    /// Their headings part when they are so many sigmas of what is usual from each other, and no less than this, rad: what tilt and currents make
+    /// of a sound one. A magnetometer is late by so much, s, and the rotation of a moment is known to that part; what is usual is learned where
+    /// that is less than this, rad.
+    pub(in crate::navigator) const SIGMAS: f64 = 5.0;
+    pub(in crate::navigator) const LEAST_STEP: f64 = 0.2;
+    pub(in crate::navigator) const LATENCY_S: f64 = 0.3;
+    pub(in crate::navigator) const CALM: f64 = 0.1;
+    /// It has to stand for so long, s.
+    pub(in crate::navigator) const STANDS_S: f64 = 0.5;
+    /// A step takes no longer than this, s.
+    pub(in crate::navigator) const BEFORE_S: f64 = 0.5;
+    /// What is usual: a mean over this long, s, a spread over this long, s, known after this long, s.
+    pub(in crate::navigator) const MEAN_S: f64 = 10.0;
+    pub(in crate::navigator) const SPREAD_S: f64 = 60.0;
+    pub(in crate::navigator) const USUAL_S: f64 = 10.0;
+    /// A magnetometer that was silent for longer begins anew, s.
+    pub(in crate::navigator) const LONGEST_GAP_S: f64 = 3.0;
+    /// A heading that is not known to this, rad, judges none.
+    pub(in crate::navigator) const KNOWN_YAW: f64 = 0.2;
+    /// A gyro whose bias has changed is one of which nothing is said for this long, s.
+    pub(in crate::navigator) const SETTLED_S: f64 = 30.0;
+}
+
 /// A rangefinder.
 pub(in crate::navigator) mod rangefinder {
     /// Steepest tilt at which a range beam still measures the height over ground: cos 60°.
