@@ -102,7 +102,7 @@ fn turn_heading(
 /// What a magnetometer's sample has shown of itself, or of the gyros: who is wrong is charged, and acquitted when it is believed again.
 pub(super) fn weigh_compass(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, source: SourceId) {
     // With GNSS, motion shows which of the two it is.
-    if let Some(Departure::Drifted(rate)) = sources.magnetometer.departed()
+    if let Some(Departure::Drifted(rate) | Departure::Unclear(rate)) = sources.magnetometer.departed()
         && core.dead_reckoning()
     {
         inertia::doubt_gyros(core, now, rate);

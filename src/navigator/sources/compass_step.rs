@@ -5,7 +5,8 @@
 //! How large changes within [`BEFORE_S`] are, and how far δ goes from its mean over seconds, is learned of every vehicle (currents, iron, latency), as
 //! standard deviations. A change of more than 5 of them, and than [`LEAST_STEP`], that stays is a *step*. Gyros do not step: the magnetometer is wrong. A δ that goes as
 //! far from its mean without a step *drifts* there at a steady rate, which is what a gyro's bias does that has changed: then it is the bias that is
-//! not known any more, and the magnetometer shows it.
+//! not known any more, and the magnetometer shows it. Where the vehicle has turned meanwhile, iron on it or a magnetometer that was moved looks the same: then neither is
+//! believed.
 
 use nalgebra::Vector3;
 
@@ -13,7 +14,7 @@ use crate::time::AutopilotTime;
 
 use crate::geo::so3::wrap_pi;
 use crate::navigator::tuning::compass_step::{
-    BEFORE_S, CALM, LATENCY_S, LEAST_STEP, LONGEST_GAP_S, MEAN_S, SIGMAS, SPREAD_S, STANDS_S, USUAL_S,
+    BEFORE_S, CALM, LATENCY_S, LEAST_STEP, LONGEST_GAP_S, MEAN_S, SIGMAS, SPREAD_S, STANDS_S, TURNS, USUAL_S,
 };
 
 /// Past fields that are remembered.
@@ -40,6 +41,8 @@ pub(in super::super) enum Departure {
     Stepped(f64),
     /// At this rate, rad/s.
     Drifted(f64),
+    /// At this rate, rad/s, while the vehicle turned: what is fixed to it may be what is wrong, or the gyros.
+    Unclear(f64),
 }
 
 /// A standard deviation: the plain one at first, a low pass later.
@@ -76,6 +79,8 @@ pub(super) struct StepWatch {
     stepped: Option<(AutopilotTime, Field)>,
     /// Since when it has been further away than half of what it may be, and by how much then.
     half: Option<(AutopilotTime, f64)>,
+    /// By how much the vehicle has turned since, rad.
+    turned: f64,
 }
 
 impl StepWatch {
@@ -88,7 +93,7 @@ impl StepWatch {
         }
         let fastest = self.past.iter().flatten().map(|(_, rate)| *rate).fold(heard.rate, f64::max);
         let late = LATENCY_S * fastest;
-        let departure = self.steps(heard, dt, late).or_else(|| self.drifts(time, dt, heard.delta, late));
+        let departure = self.steps(heard, dt, late).or_else(|| self.drifts(heard, dt, late));
         self.remember(heard.field, heard.rate);
         if departure.is_some() {
             self.forget();
@@ -115,8 +120,9 @@ impl StepWatch {
         None
     }
 
-    fn drifts(&mut self, time: AutopilotTime, dt: f64, delta: f64, late: f64) -> Option<Departure> {
-        let away = wrap_pi(delta - self.mean);
+    fn drifts(&mut self, heard: &Heard<'_>, dt: f64, late: f64) -> Option<Departure> {
+        let time = heard.field.0;
+        let away = wrap_pi(heard.delta - self.mean);
         let limit = self.spread.limit() + late;
         if self.stepped.is_some() {
             return None;
@@ -126,13 +132,17 @@ impl StepWatch {
             if late < CALM {
                 self.spread.learn(dt, away);
             }
-            self.half = None;
+            (self.half, self.turned) = (None, 0.0);
             return None;
         }
+        self.turned += heard.rate * dt;
         let (since, then) = *self.half.get_or_insert((time, away));
         let seconds = time.seconds_since(since);
-        (away.abs() > limit && away * then > 0.0 && seconds > STANDS_S)
-            .then(|| Departure::Drifted((away - then) / seconds))
+        if away.abs() < limit || away * then < 0.0 || seconds < STANDS_S {
+            return None;
+        }
+        let rate = (away - then) / seconds;
+        Some(if self.turned < TURNS { Departure::Drifted(rate) } else { Departure::Unclear(rate) })
     }
 
     /// The field of [`BEFORE_S`] ago.

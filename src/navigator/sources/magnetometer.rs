@@ -177,7 +177,9 @@ impl MagnetometerSource {
         };
         let Some(departure) = self.steps.observe(&heard) else { return };
         self.departed = Some(departure);
-        if let Departure::Stepped(_) = departure {
+        // With GNSS, motion shows which of the two drifts.
+        let unclear = matches!(departure, Departure::Unclear(_)) && core.dead_reckoning();
+        if unclear || matches!(departure, Departure::Stepped(_)) {
             self.contradict(Charge::ContradictsInertia);
         }
     }

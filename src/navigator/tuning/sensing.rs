@@ -286,6 +286,8 @@ pub(in crate::navigator) mod compass_step {
     pub(in crate::navigator) const CALM: f64 = 0.1;
     /// It has to stand for so long, s.
     pub(in crate::navigator) const STANDS_S: f64 = 0.5;
+    /// A vehicle that has turned by less, rad, has shown its magnetometer nothing new.
+    pub(in crate::navigator) const TURNS: f64 = 0.5;
     /// A step takes no longer than this, s.
     pub(in crate::navigator) const BEFORE_S: f64 = 0.5;
     /// What is usual: a mean over this long, s, a spread over this long, s, known after this long, s.
