@@ -155,6 +155,8 @@ pub enum TransitionReason {
     Uncertain(f64),
     /// Coasted without any velocity for too long, s.
     Coasted(f64),
+    /// No vehicle of its class is so fast; its estimated speed, m/s.
+    Implausible(f64),
     /// Landmarks tell the position again.
     Landmarks,
     /// The IMU was silent, s.
@@ -181,6 +183,7 @@ impl fmt::Display for TransitionReason {
             TransitionReason::Joined => write!(f, "joined GNSS"),
             TransitionReason::Uncertain(sigma) => write!(f, "uncertainty {sigma:.0} m"),
             TransitionReason::Coasted(s) => write!(f, "{s:.0} s without velocity"),
+            TransitionReason::Implausible(v) => write!(f, "{v:.0} m/s is not plausible"),
             TransitionReason::Landmarks => write!(f, "landmarks in view"),
             TransitionReason::ImuGap(s) => write!(f, "IMU silent for {s:.1} s"),
             TransitionReason::HeadingWrong => write!(f, "heading from motion does not fit"),

@@ -4,6 +4,8 @@
 //! attitude is not known, nothing that is turned by it is used, and nobody is to rely on what is published. See
 //! [`super::monitor::inertia_trust`] for the way back.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::Channel;
@@ -12,9 +14,11 @@ use crate::time::AutopilotTime;
 
 use super::Mode;
 use super::core::Core;
+use super::event::TransitionReason;
 use super::height::HeightReading;
 use super::judge::{self, Charge};
 use super::monitor::inertia_witness::Testimony;
+use super::monitor::plausibility::Plausible;
 use super::reset::Reset;
 use super::sources::gnss::FixReading;
 use super::sources::status::{SourceId, SourceKind};
@@ -77,6 +81,23 @@ pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &Heig
     core.witnesses.barometer.observe(now, reading.height_m);
     if knows_tilt(core, LEAST_MPS2) && core.witnesses.barometer.testimony(now) == Testimony::Contradicts {
         lose(core, now);
+    }
+}
+
+/// Whether the vehicle can do what is estimated.
+pub(super) fn judge_speed(core: &mut Core, now: AutopilotTime) {
+    let Some((_, v)) = core.estimator.estimate() else { return };
+    let speed = v.xy().norm();
+    if core.mode == Mode::Aided {
+        return core.witnesses.plausibility.see(speed);
+    }
+    let Some(sigma) = core.estimator.speed_sigma().filter(|_| core.mode == Mode::Holdover) else { return };
+    let (airframe, limit) = (core.vehicle.airframe(), core.settings.holdover.max_speed_mps);
+    match core.witnesses.plausibility.judge(now, (speed, sigma), airframe, limit) {
+        Plausible::Usual => {}
+        // Both axes together.
+        Plausible::Fast(more_m) => core.estimator.doubt_motion(more_m * FRAC_1_SQRT_2, 0.0),
+        Plausible::Impossible => core.change_mode(now, Mode::Lost, TransitionReason::Implausible(speed)),
     }
 }
 

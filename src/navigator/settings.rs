@@ -229,6 +229,8 @@ pub struct HoldoverSettings {
     pub max_sigma_m: f64,
     /// Longest coasting, s.
     pub max_coast_s: f64,
+    /// The vehicle cannot fly faster over ground, m/s; `None`: by its class.
+    pub max_speed_mps: Option<f64>,
     /// Error sources.
     pub budget: BudgetSettings,
 }

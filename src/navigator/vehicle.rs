@@ -37,6 +37,11 @@ impl VehicleState {
         self.status.airframe == Some(airframe)
     }
 
+    /// What kind it is, if it tells.
+    pub(super) fn airframe(&self) -> Option<Airframe> {
+        self.status.airframe
+    }
+
     /// Whether the motors are off, as far as that can be believed: converted logs and some bridges never say anything else.
     pub(super) fn disarmed(&self) -> bool {
         self.status.armed == Some(false) && !self.flew_disarmed

@@ -19,6 +19,7 @@ mod aiding;
 mod allocation;
 mod bad_input;
 mod believed;
+mod contradicted;
 mod dead_reckoning;
 mod holes;
 mod hostile;

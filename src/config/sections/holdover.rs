@@ -50,10 +50,11 @@ fn dpm(v: f64) -> f64 {
 }
 
 impl HoldoverKeys {
-    pub(super) fn settings(&self, tuning: &HoldoverTuning) -> HoldoverSettings {
+    pub(super) fn settings(&self, tuning: &HoldoverTuning, max_speed_mps: Option<f64>) -> HoldoverSettings {
         HoldoverSettings {
             max_sigma_m: self.max_sigma_m,
             max_coast_s: self.max_coast_s,
+            max_speed_mps,
             budget: BudgetSettings {
                 heading_sigma_rad: tuning.heading_sigma_deg.to_radians(),
                 heading_drift_radps: dpm(tuning.heading_drift_dpm),

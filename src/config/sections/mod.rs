@@ -153,6 +153,7 @@ impl AllKeys {
     fn navigator(&self, complain: &mut impl FnMut(&str, String)) -> NavigatorSettings {
         let tuning = &self.tuning;
         cameras::check(&self.cameras, complain);
+        let max_speed_mps = Some(self.vehicle.max_speed_mps).filter(|v| *v > 0.0);
         NavigatorSettings {
             estimator: self.navigator.estimator,
             imu: ImuSettings {
@@ -175,7 +176,7 @@ impl AllKeys {
             range_max_age_s: tuning.range.max_age_s,
             height: tuning.height.settings(self.navigator.altimeter),
             observer: tuning.observer.settings(),
-            holdover: self.holdover.settings(&tuning.holdover),
+            holdover: self.holdover.settings(&tuning.holdover, max_speed_mps),
             rejoin: tuning.rejoin.settings(),
         }
     }

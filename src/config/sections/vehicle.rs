@@ -9,5 +9,7 @@ section! {
         system_id: u8 = 0 in 0.0 ..= 255.0 unit "";
         /// How the autopilot wants to be told: "auto" takes it from its heartbeat.
         profile: String = "auto" of "auto" | "ardupilot" | "px4";
+        /// Speed over ground that the vehicle cannot exceed, whatever the wind: what is estimated beyond it is somebody's fault, and Lost. 0 takes it from the kind of vehicle in the heartbeat.
+        max_speed_mps: f64 = 0.0 in 0.0 ..= 1000.0;
     }
 }

@@ -13,7 +13,7 @@ use super::super::solution::Mode;
 use super::super::sources::status::Measured;
 use super::error_state::StartPoint;
 use crate::navigator::tuning::estimator_step::{
-    DISAGREEMENT, DISAGREEMENT_S, FLOW_AGE_S, LOCKED_OUT_S, MAGNETIC_AGE_S,
+    DISAGREEMENT, DISAGREEMENT_S, FLOW_AGE_S, LOCKED_OUT_S, MAGNETIC_AGE_S, MISFIT_GAIN, MOST_MISFITS,
 };
 
 /// Since when a stage has disagreed with what it stands on.
@@ -22,7 +22,8 @@ pub(super) struct Watch {
     disagree_since: Option<AutopilotTime>,
     /// Since when trusted fixes have been gated out.
     locked_out_since: Option<AutopilotTime>,
-    /// When a component of a trusted fix did not fit, last.
+    /// The part of the trusted fixes of late of which a component did not fit, and when the last of those came.
+    misfits: f64,
     misfit: Option<AutopilotTime>,
 }
 
@@ -36,16 +37,18 @@ impl Watch {
         now.seconds_since(*self.disagree_since.get_or_insert(now)) > DISAGREEMENT_S
     }
 
-    /// Whether trusted fixes have spoken against the stage of late. Who disagrees with it may be wrong himself, with a magnetometer that is;
-    /// as long as every fix fits, the stage is not.
+    /// Whether most of the trusted fixes of late have spoken against the stage. Who disagrees with it may be wrong himself, with a magnetometer that
+    /// is; as long as fixes fit, the stage is not.
     pub(super) fn is_doubted(&self, now: AutopilotTime) -> bool {
-        self.misfit.is_some_and(|t| now.seconds_since(t) < DISAGREEMENT_S)
+        self.misfits > MOST_MISFITS && self.misfit.is_some_and(|t| now.seconds_since(t) < DISAGREEMENT_S)
     }
 
     /// Takes note of a fix: whether position and velocity fitted, and whether fixes have been gated out for too long.
     pub(super) fn locked_out(&mut self, now: AutopilotTime, fused: &Fused) -> bool {
         let taken = !fused.gated(Measured::GnssPosition);
-        if !taken || fused.gated(Measured::GnssVelocity) {
+        let misfit = !taken || fused.gated(Measured::GnssVelocity);
+        self.misfits += MISFIT_GAIN * (f64::from(u8::from(misfit)) - self.misfits);
+        if misfit {
             self.misfit = Some(now);
         }
         self.locked_out_since = if taken { None } else { Some(self.locked_out_since.unwrap_or(now)) };

@@ -7,6 +7,7 @@ pub(super) mod inertia_trust;
 pub(super) mod inertia_witness;
 pub(super) mod mode;
 pub(super) mod outage;
+pub(super) mod plausibility;
 pub(super) mod witnesses;
 
 pub use gnss_integrity::{GnssFault, GnssState};

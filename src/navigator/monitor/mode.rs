@@ -69,6 +69,7 @@ mod tests {
     const LIMITS: HoldoverSettings = HoldoverSettings {
         max_sigma_m: 100.0,
         max_coast_s: 30.0,
+        max_speed_mps: None,
         budget: BudgetSettings {
             heading_sigma_rad: 0.0,
             heading_drift_radps: 0.0,

@@ -3,6 +3,7 @@
 use super::heading_witness::HeadingWitness;
 use super::inertia_trust::InertiaTrust;
 use super::inertia_witness::{HorizontalWitness, VerticalWitness};
+use super::plausibility::Plausibility;
 use crate::navigator::tuning::inertia_witness::TURNED_S;
 use crate::time::AutopilotTime;
 
@@ -17,6 +18,8 @@ pub(in super::super) struct Witnesses {
     pub(in super::super) barometer: VerticalWitness,
     /// When the heading was turned for it, last.
     turned: Option<AutopilotTime>,
+    /// What the vehicle can do.
+    pub(in super::super) plausibility: Plausibility,
     /// What came of that.
     pub(in super::super) inertia: InertiaTrust,
 }

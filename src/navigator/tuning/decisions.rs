@@ -136,6 +136,21 @@ pub(in crate::navigator) mod outage {
     pub(in crate::navigator) const TOLD_AFTER_S: f64 = 3.0;
 }
 
+/// What vehicles can do.
+pub(in crate::navigator) mod plausibility {
+    /// As a rule: a multirotor, m/s; at most, and a wing as a rule, m/s; a wing at most, m/s; on the surface, m/s; any, m/s. Over ground, with the wind.
+    pub(in crate::navigator) const FLIES_MPS: f64 = 18.0;
+    pub(in crate::navigator) const USUAL_MPS: f64 = 40.0;
+    pub(in crate::navigator) const WING_MPS: f64 = 90.0;
+    pub(in crate::navigator) const SURFACE_MPS: f64 = 20.0;
+    pub(in crate::navigator) const MOST_MPS: f64 = 150.0;
+    /// What has flown at a speed may fly at this many times that: against the wind and with it.
+    pub(in crate::navigator) const SEEN_FACTOR: f64 = 1.5;
+    /// Impossible is what is beyond by this many sigmas for this long, s.
+    pub(in crate::navigator) const SIGMAS: f64 = 3.0;
+    pub(in crate::navigator) const IMPOSSIBLE_S: f64 = 1.0;
+}
+
 /// What is published: glides and what counts as joined.
 pub(in crate::navigator) mod published {
     /// The position has joined the estimate when it is this near, m.

@@ -17,6 +17,9 @@ pub(in crate::navigator) mod estimator_step {
     pub(in crate::navigator) const DISAGREEMENT: f64 = 0.35;
     /// … for this long, s.
     pub(in crate::navigator) const DISAGREEMENT_S: f64 = 5.0;
+    /// A stage is doubted while more than this part of the fixes does not fit, in the mean over some ten.
+    pub(in crate::navigator) const MOST_MISFITS: f64 = 0.5;
+    pub(in crate::navigator) const MISFIT_GAIN: f64 = 0.1;
     /// A magnetometer sample is used for this long, s: the slowest that are logged come at 0.5 Hz.
     pub(in crate::navigator) const MAGNETIC_AGE_S: f64 = 2.2;
     /// A flow velocity is used for this long, s.

@@ -9,13 +9,13 @@ mod sensing;
 
 pub(super) use decisions::{
     budget, core, environment, event_log, gnss_integrity, heading_witness, height, inertia_witness,
-    landmark_fix, memory, outage, published, relative, step, stream, uncertainty, vehicle,
+    landmark_fix, memory, outage, plausibility, published, relative, step, stream, uncertainty, vehicle,
 };
 pub(super) use estimation::{
     error_state, estimator, estimator_step, exogenous, heading, hole, lookback, observer,
 };
 pub(super) use sensing::{
-    airspeed, barometer, compass_step, drag, every_source, flow, flow_image, flow_measure, flow_witness, following, gnss,
-    landmark_pose, landmark_relation, landmarks, latency, magnetometer, rangefinder, rangefinders,
-    standstill, status, takeoff,
+    airspeed, barometer, compass_step, drag, every_source, flow, flow_image, flow_measure, flow_witness,
+    following, gnss, landmark_pose, landmark_relation, landmarks, latency, magnetometer, rangefinder,
+    rangefinders, standstill, status, takeoff,
 };
