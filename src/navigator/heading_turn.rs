@@ -12,11 +12,10 @@ use super::inertia;
 use super::judge::{self, Charge};
 use super::monitor::GnssFault;
 use super::monitor::heading_witness::Turn;
-use super::monitor::inertia_witness::{Seen, Testimony};
+use super::monitor::inertia_witness::{SeenMotion, Testimony};
 use super::reset::Reset;
 use super::solution::Mode;
 use super::sources::SourceSet;
-use super::sources::compass_step::Departure;
 use super::sources::gnss::FixReading;
 use super::sources::status::SourceId;
 use crate::navigator::tuning::heading_witness::{GYRO_BIAS_SIGMA, SPEED_SIGMA, TILT_SIGMA};
@@ -39,7 +38,7 @@ pub(super) fn witness(
         return;
     }
     core.witnesses.heading.observe(reading.measured, &velocity_ne, &impulse.xy());
-    let change = core.witnesses.gnss.observe(Seen {
+    let change = core.witnesses.gnss.observe(SeenMotion {
         time: reading.measured,
         position: reading.position_ned.xy(),
         velocity: velocity_ne,
@@ -99,17 +98,11 @@ fn turn_heading(
     core.came_back(now);
 }
 
-/// What a magnetometer's sample has shown of itself, or of the gyros: who is wrong is charged, and acquitted when it is believed again.
+/// What a magnetometer's sample has shown: it is charged with what has contradicted it, and acquitted when it is believed again.
 pub(super) fn weigh_compass(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, source: SourceId) {
-    // With GNSS, motion shows which of the two it is.
-    if let Some(Departure::Drifted(rate) | Departure::Unclear(rate)) = sources.magnetometer.departed()
-        && core.dead_reckoning()
-    {
-        inertia::doubt_gyros(core, now, rate);
-    }
     match sources.magnetometer.contradicted() {
         Some(_) if sources.magnetometer.takes_back(now) => judge::acquit(core, now, source),
         Some(charge) => judge::accuse(core, now, source, charge),
-        None => inertia::settle_gyros(core, now),
+        None => {}
     }
 }

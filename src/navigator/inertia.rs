@@ -101,20 +101,6 @@ pub(super) fn judge_speed(core: &mut Core, now: AutopilotTime) {
     }
 }
 
-/// The magnetometer's heading drifts away from the gyros' at `rate`, rad/s: their bias may have changed by so much.
-pub(super) fn doubt_gyros(core: &mut Core, now: AutopilotTime, rate: f64) {
-    core.witnesses.inertia.drifts(now);
-    core.estimator.doubt_gyro_bias(rate);
-    judge::accuse(core, now, IMU, Charge::FitsBadly);
-}
-
-/// They have not for a while: their bias is known again.
-pub(super) fn settle_gyros(core: &mut Core, now: AutopilotTime) {
-    if core.witnesses.inertia.settles(now) && core.statuses.charge(IMU) == Some(Charge::FitsBadly) {
-        judge::acquit(core, now, IMU);
-    }
-}
-
 /// Whether the filter is so sure of its tilt that what is apart by `mps2` is not explained by that.
 fn knows_tilt(core: &Core, mps2: f64) -> bool {
     let tilt = |c: Matrix3<f64>| (0.5 * (c[(0, 0)] + c[(1, 1)])).sqrt();

@@ -46,14 +46,6 @@ impl Eskf {
         }
     }
 
-    /// The gyros' biases may have changed by `sigma`, rad/s.
-    pub fn doubt_gyro_bias(&mut self, sigma: f64) {
-        self.propagate_covariance();
-        for i in BG..BG + 3 {
-            self.p[(i, i)] += sigma * sigma;
-        }
-    }
-
     /// Goes on for `seconds` at constant velocity: p ← p + v·t, with its error likewise, and every walk walks on. Attitude and velocity stay.
     pub fn coast(&mut self, seconds: f64) {
         self.propagate_covariance();

@@ -13,6 +13,7 @@ mod hole;
 mod lookback;
 mod observer;
 mod step;
+mod without_inertia;
 
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
@@ -30,7 +31,6 @@ use super::settings::{Estimator as Kind, NavigatorSettings};
 use super::solution::Mode;
 use super::timeline::Timeline;
 
-use crate::navigator::tuning::compass_step::LEAST_STEP;
 use crate::navigator::tuning::estimator::{AIDED_SPEED_SIGMA, UNKNOWN_SPEED_SIGMA};
 use crate::navigator::tuning::observer::WAIT_FOR_MAGNETOMETER_S;
 pub(super) use error_state::StartPoint;
@@ -485,43 +485,6 @@ impl EstimatorStack {
         };
         self.follow_filter();
         Some(stepped)
-    }
-
-    /// `dt` s without inertia: the velocity is what it was, with the doubt that vehicles leave. `None` when there is no filter; `lag_s`: for how long
-    /// the inertia had been wrong before that was known, s.
-    pub(super) fn coast_on(&mut self, s: &ImuSample, dt: f64, lag_s: f64) -> Option<Stepped> {
-        let begins = self.coasted_s.is_none();
-        let from_s = self.coasted_s.unwrap_or(0.0);
-        let stage = self.error_state_mut()?;
-        let to_s = if begins { lag_s + dt } else { from_s + dt };
-        let stepped = stage.coast_on(s, dt, [from_s, to_s])?;
-        self.coasted_s = Some(to_s);
-        self.settling = None;
-        self.follow_filter();
-        Some(stepped)
-    }
-
-    /// The inertia has been wrong for a while: what it has done to position and velocity, m and m/s, may be that much.
-    pub(super) fn doubt_motion(&mut self, position: f64, velocity: f64) {
-        if let Some(stage) = self.error_state_mut() {
-            let correlation = 0.75f64.sqrt();
-            stage.filter_mut().doubt(&Doubt { position, velocity, correlation, ..Doubt::NONE });
-        }
-    }
-
-    /// The gyros' bias may have changed by `rate`, rad/s, and the heading by what that did since: the magnetometer shows it.
-    pub(super) fn doubt_gyro_bias(&mut self, rate: f64) {
-        if let Some(stage) = self.error_state_mut() {
-            stage.filter_mut().doubt_gyro_bias(rate);
-            stage.filter_mut().doubt(&Doubt { yaw: LEAST_STEP, ..Doubt::NONE });
-        }
-    }
-
-    /// There is inertia again: the attitude is found anew.
-    pub(super) fn feel_again(&mut self) {
-        if self.coasted_s.take().is_some() && self.has_error_state() {
-            self.settling = Some(Settling::default());
-        }
     }
 
     /// The observer has no such memory: it goes on from where the filter is.

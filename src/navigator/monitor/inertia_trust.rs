@@ -3,13 +3,12 @@
 //! One with a stuck axis is, as soon as that moves again. One that was contradicted is tried again after a while, with GNSS to judge it by: it is believed
 //! when it agrees for long enough, through a motion that would have shown what was wrong, and else the next trial comes twice as late.
 
-use crate::navigator::tuning::compass_step::SETTLED_S;
 use crate::navigator::tuning::inertia_witness::{FIRST_TRIAL_S, LAST_TRIAL_S, TRIAL_MOTION, TRIAL_S};
 use crate::time::AutopilotTime;
 
 /// What is done with the IMU.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Standing {
+enum ImuStanding {
     #[default]
     Believed,
     /// It is not navigated on while an axis is stuck.
@@ -23,42 +22,40 @@ enum Standing {
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct InertiaTrust {
-    standing: Standing,
+    standing: ImuStanding,
     /// Trials that have failed in a row.
     failed: u32,
     /// Squares of the changes of velocity that the trial has seen, (m/s)².
     motion: f64,
-    /// When a gyro's bias was found to have changed.
-    drifted: Option<AutopilotTime>,
 }
 
 impl InertiaTrust {
     /// It is not navigated on.
     pub(in super::super) fn is_out(&self) -> bool {
-        matches!(self.standing, Standing::Stuck | Standing::Contradicted(_))
+        matches!(self.standing, ImuStanding::Stuck | ImuStanding::Contradicted(_))
     }
 
     /// It is not, or nobody knows yet whether it may be.
     pub(in super::super) fn is_doubted(&self) -> bool {
-        self.standing != Standing::Believed
+        self.standing != ImuStanding::Believed
     }
 
     fn on_trial(&self) -> bool {
-        matches!(self.standing, Standing::OnTrial(_))
+        matches!(self.standing, ImuStanding::OnTrial(_))
     }
 
     /// An axis is stuck. True when that is new.
     pub(in super::super) fn sticks(&mut self) -> bool {
-        let new = self.standing != Standing::Stuck;
-        self.standing = Standing::Stuck;
+        let new = self.standing != ImuStanding::Stuck;
+        self.standing = ImuStanding::Stuck;
         new
     }
 
     /// No axis is stuck. True when it is navigated on again for that.
     pub(in super::super) fn moves(&mut self) -> bool {
-        let again = self.standing == Standing::Stuck;
+        let again = self.standing == ImuStanding::Stuck;
         if again {
-            self.standing = Standing::Believed;
+            self.standing = ImuStanding::Believed;
         }
         again
     }
@@ -66,27 +63,16 @@ impl InertiaTrust {
     /// It was contradicted.
     pub(in super::super) fn contradict(&mut self, now: AutopilotTime) {
         self.failed = if self.on_trial() { self.failed.saturating_add(1) } else { 0 };
-        self.standing = Standing::Contradicted(now);
-    }
-
-    /// A gyro's bias has changed.
-    pub(in super::super) fn drifts(&mut self, now: AutopilotTime) {
-        self.drifted = Some(now);
-    }
-
-    /// True once when it has not for long enough.
-    pub(in super::super) fn settles(&mut self, now: AutopilotTime) -> bool {
-        let settled = self.drifted.is_some_and(|t| now.seconds_since(t) > SETTLED_S);
-        settled && self.drifted.take().is_some()
+        self.standing = ImuStanding::Contradicted(now);
     }
 
     /// Somebody can judge it. True when a trial begins.
     pub(in super::super) fn tries(&mut self, now: AutopilotTime, judged: bool) -> bool {
-        let Standing::Contradicted(since) = self.standing else { return false };
+        let ImuStanding::Contradicted(since) = self.standing else { return false };
         let wait_s = (FIRST_TRIAL_S * f64::from(self.failed.min(10)).exp2()).min(LAST_TRIAL_S);
         let begins = judged && now.seconds_since(since) > wait_s;
         if begins {
-            self.standing = Standing::OnTrial(now);
+            self.standing = ImuStanding::OnTrial(now);
             self.motion = 0.0;
         }
         begins
@@ -94,7 +80,7 @@ impl InertiaTrust {
 
     /// On trial it agreed, over a window in which the velocity changed by `change`, m/s. True when the trial is passed by that.
     pub(in super::super) fn agrees(&mut self, now: AutopilotTime, change: f64) -> bool {
-        let Standing::OnTrial(since) = self.standing else { return false };
+        let ImuStanding::OnTrial(since) = self.standing else { return false };
         self.motion += change * change;
         let passed = now.seconds_since(since) > TRIAL_S && self.motion > TRIAL_MOTION;
         if passed {

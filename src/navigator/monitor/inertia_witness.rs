@@ -25,14 +25,14 @@ use crate::time::AutopilotTime;
 
 /// A window: when it ended, how long it was, s, and the changes of the velocity, m/s.
 #[derive(Clone, Copy, Debug)]
-struct Window {
+struct MotionWindow {
     end: AutopilotTime,
     seconds: f64,
     seen: Vector2<f64>,
     felt: Vector2<f64>,
 }
 
-impl Window {
+impl MotionWindow {
     /// m/s².
     fn apart(&self) -> f64 {
         (self.seen - self.felt).norm() / self.seconds
@@ -71,7 +71,7 @@ fn weigh(windows: usize, apart: usize) -> Testimony {
 
 /// What a witness sees at a time, NE, m and m/s, and the integral of the inertial acceleration, m/s.
 #[derive(Clone, Copy, Debug)]
-pub(in super::super) struct Seen {
+pub(in super::super) struct SeenMotion {
     pub(in super::super) time: AutopilotTime,
     pub(in super::super) position: Vector2<f64>,
     pub(in super::super) velocity: Vector2<f64>,
@@ -103,11 +103,11 @@ impl UsualMisfit {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct HorizontalWitness {
     /// Where the window that goes on began, and what was seen last.
-    began: Option<Seen>,
-    last: Option<Seen>,
+    began: Option<SeenMotion>,
+    last: Option<SeenMotion>,
     /// ∫ of the velocity since it began, m.
     travelled: Vector2<f64>,
-    windows: [Option<Window>; WINDOWS],
+    windows: [Option<MotionWindow>; WINDOWS],
     next: usize,
     usual: UsualMisfit,
 }
@@ -115,7 +115,7 @@ pub(in super::super) struct HorizontalWitness {
 impl HorizontalWitness {
     /// What is seen. A witness that contradicts itself is none: it begins anew.
     /// By how much the velocity changed in the window that ends with it, m/s.
-    pub(in super::super) fn observe(&mut self, seen: Seen) -> Option<f64> {
+    pub(in super::super) fn observe(&mut self, seen: SeenMotion) -> Option<f64> {
         let (Some(began), Some(last)) = (self.began, self.last.replace(seen)) else {
             self.began = Some(seen);
             return None;
@@ -137,7 +137,7 @@ impl HorizontalWitness {
             return None;
         }
         let felt = seen.impulse - began.impulse;
-        let window = Window { end: seen.time, seconds, seen: change, felt };
+        let window = MotionWindow { end: seen.time, seconds, seen: change, felt };
         self.usual.learn(window.apart());
         self.windows[self.next] = Some(window);
         self.next = (self.next + 1) % WINDOWS;
@@ -269,7 +269,7 @@ mod tests {
         for k in 0..100 {
             let t = f64::from(k) * 0.2;
             let (velocity, impulse) = (seen(t), felt(t));
-            w.observe(Seen { time: at(t), position, velocity, impulse });
+            w.observe(SeenMotion { time: at(t), position, velocity, impulse });
             position += (velocity + seen(t + 0.2)) * 0.1;
         }
         w.testimony(at(19.8))

@@ -13,7 +13,7 @@ use super::super::reset::Reset;
 use super::super::solution::Mode;
 use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
-use super::compass_step::{Departure, Heard, StepWatch};
+use super::compass_step::{ComparedField, StepWatch};
 use super::status::SourceHealth;
 use crate::navigator::tuning::compass_step::KNOWN_YAW;
 use crate::navigator::tuning::every_source::LATE_S;
@@ -43,9 +43,8 @@ pub(in super::super) struct MagnetometerSource {
     dip_heard: Option<AutopilotTime>,
     /// Motion has contradicted it, or its dip, or the gyros: with what …
     contradicted: Option<Charge>,
-    /// Its heading against the gyros', and how it left that, until somebody has heard of it.
+    /// Its heading against the gyros'.
     steps: StepWatch,
-    departed: Option<Departure>,
     /// … and since when it has agreed with the heading again.
     agrees_since: Option<AutopilotTime>,
 }
@@ -100,7 +99,7 @@ impl MagnetometerSource {
         if self.is_stuck(s, context.now(), &context.core.timeline) {
             return Err(Reason::Stuck);
         }
-        self.watch_steps(s, &field_ned, context);
+        self.watch_steps(s, context);
         if !self.is_believed(s, &field_ned, context) {
             return Err(Reason::ContradictsMotion);
         }
@@ -149,8 +148,8 @@ impl MagnetometerSource {
         over_s > DIP_LEAST_S && mean.abs() > LARGEST_DIP
     }
 
-    /// The heading of the field against the filter's, while that is known.
-    fn watch_steps(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) {
+    /// The heading of the field against the gyros', while the attitude is known.
+    fn watch_steps(&mut self, s: &MagSample, context: &Context<'_>) {
         let core = context.core;
         let known = core.mode != Mode::Aligning
             && !core.estimator.is_settling()
@@ -169,24 +168,14 @@ impl MagnetometerSource {
             let turned = so3::exp(&(core.timeline.mean_rate(*then, s.time)? * -dt));
             Some(turn(&(attitude * turned * was), &(attitude * field)))
         };
-        let heard = Heard {
+        let heard = ComparedField {
             field: (s.time, field),
-            delta: turn(&(attitude * field), field_ned),
             rate: core.attitude.angular_rate_body.norm(),
             change: &change,
         };
-        let Some(departure) = self.steps.observe(&heard) else { return };
-        self.departed = Some(departure);
-        // With GNSS, motion shows which of the two drifts.
-        let unclear = matches!(departure, Departure::Unclear(_)) && core.dead_reckoning();
-        if unclear || matches!(departure, Departure::Stepped(_)) {
+        if self.steps.observe(&heard).is_some() {
             self.contradict(Charge::ContradictsInertia);
         }
-    }
-
-    /// How its heading has left the gyros' since this was asked last.
-    pub(in super::super) fn departed(&mut self) -> Option<Departure> {
-        self.departed.take()
     }
 
     /// What has contradicted it, until it is believed again.

@@ -5,7 +5,7 @@
 
 pub mod airspeed;
 pub(super) mod barometer;
-pub(super) mod compass_step;
+mod compass_step;
 pub mod drag;
 pub(super) mod flow;
 mod following;

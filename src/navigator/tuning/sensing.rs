@@ -286,20 +286,15 @@ pub(in crate::navigator) mod compass_step {
     pub(in crate::navigator) const CALM: f64 = 0.1;
     /// It has to stand for so long, s.
     pub(in crate::navigator) const STANDS_S: f64 = 0.5;
-    /// A vehicle that has turned by less, rad, has shown its magnetometer nothing new.
-    pub(in crate::navigator) const TURNS: f64 = 0.5;
     /// A step takes no longer than this, s.
     pub(in crate::navigator) const BEFORE_S: f64 = 0.5;
-    /// What is usual: a mean over this long, s, a spread over this long, s, known after this long, s.
-    pub(in crate::navigator) const MEAN_S: f64 = 10.0;
+    /// What is usual: a spread over this long, s, known after this long, s.
     pub(in crate::navigator) const SPREAD_S: f64 = 60.0;
     pub(in crate::navigator) const USUAL_S: f64 = 10.0;
     /// A magnetometer that was silent for longer begins anew, s.
     pub(in crate::navigator) const LONGEST_GAP_S: f64 = 3.0;
     /// A heading that is not known to this, rad, judges none.
     pub(in crate::navigator) const KNOWN_YAW: f64 = 0.2;
-    /// A gyro whose bias has changed is one of which nothing is said for this long, s.
-    pub(in crate::navigator) const SETTLED_S: f64 = 30.0;
 }
 
 /// A rangefinder.
