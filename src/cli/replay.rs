@@ -16,6 +16,7 @@ use crate::metrics::outage::OutageReport;
 use crate::navigator::Navigator;
 use crate::navigator::event::Event;
 use crate::navigator::settings::Estimator;
+use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::Solution;
 use crate::navigator::sources::status::{Measured, SourceReport};
 use crate::replay::log::{Log, LogSummary};
@@ -96,6 +97,8 @@ pub struct ReplayReport {
     pub repairs: Vec<RepairCount>,
     /// What became of every source, at the end.
     pub sources: Vec<SourceReport>,
+    /// What an outage would come to, as dead reckonings beside GNSS have measured it.
+    pub drift: Vec<MeasuredDrift>,
     /// Log time over computing time, reading included.
     pub realtime_factor: f64,
 }
@@ -172,6 +175,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         events: outcome.events.iter().map(|(t, event)| told(*t, event)).collect(),
         repairs: summary.repairs.seen().map(repair_count).collect(),
         sources: runner.pipeline.navigator.source_reports(),
+        drift: runner.pipeline.navigator.measured_drift(),
         realtime_factor: outcome.duration_s / computing_s,
     };
     if args.json {
@@ -229,6 +233,7 @@ fn print_report(
     }
     print_learned(&runner.pipeline.navigator);
     print_innovations(&runner.pipeline.navigator);
+    print_drift(&r.drift);
     print_errors(r);
 }
 
@@ -262,6 +267,26 @@ fn print_learned(navigator: &Navigator) {
             );
         }
     }
+}
+
+/// What an outage would come to.
+fn print_drift(drift: &[MeasuredDrift]) {
+    if drift.iter().all(|m| m.times == 0) {
+        outln!("\nWithout GNSS: nothing was measured yet of what it would come to");
+        return;
+    }
+    outln!("\nWithout GNSS, measured beside it on this flight");
+    let mut table = Table::new(&["carried by", "after s", "error m, rms", "times", "sigma times"]);
+    for m in drift {
+        table.row(vec![
+            m.source.label().into(),
+            number(Some(m.after_s), 0),
+            number(m.error_m, 1),
+            m.times.to_string(),
+            number(Some(m.factor), 2),
+        ]);
+    }
+    table.print();
 }
 
 /// How wrong the solution was.

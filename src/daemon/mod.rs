@@ -17,6 +17,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::altimeter::{Channel, Health as HeightHealth};
 use crate::config::Settings;
+use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::handover::Sending;
 use crate::outbound::message::OutboundMessage;
@@ -519,6 +520,7 @@ impl Daemon {
         Summary {
             mode: self.pipeline.navigator.mode(),
             sigma_m: self.solution.as_ref().map(Solution::horizontal_sigma_m),
+            drift: MeasuredDrift::to_tell(&self.pipeline.navigator.measured_drift()),
             faulty_heights: self.faulty_heights(),
             sources: self.pipeline.navigator.source_reports(),
             rates_hz,

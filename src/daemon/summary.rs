@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::altimeter::{Channel, Health};
+use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::Mode;
 use crate::navigator::sources::status::{SourceHealth, SourceReport};
 use crate::outbound::handover::{Sending, StandsOn};
@@ -19,6 +20,8 @@ pub struct Summary {
     pub mode: Mode,
     /// Horizontal uncertainty, m, once there is a solution.
     pub sigma_m: Option<f64>,
+    /// What an outage would come to, as it was measured on this flight.
+    pub drift: Option<MeasuredDrift>,
     /// Sources of heights that are declared faulty.
     pub faulty_heights: Vec<(Channel, Health)>,
     /// Every source that was heard, as it fares at present.
@@ -142,10 +145,7 @@ impl Summary {
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.mode.label())?;
-        if let Some(sigma) = self.sigma_m.filter(|_| self.mode != Mode::Aligning) {
-            write!(f, " +-{sigma:.1} m")?;
-        }
+        self.write_uncertainty(f)?;
         for (channel, health) in &self.faulty_heights {
             write!(f, "; {} {health}", channel.label())?;
         }
@@ -166,6 +166,18 @@ impl fmt::Display for Summary {
 }
 
 impl Summary {
+    /// The mode, how wrong the position may be, and beside GNSS what it would be without.
+    fn write_uncertainty(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.mode.label())?;
+        if let Some(sigma) = self.sigma_m.filter(|_| self.mode != Mode::Aligning) {
+            write!(f, " +-{sigma:.1} m")?;
+        }
+        match self.drift.filter(|_| self.mode == Mode::Aided) {
+            Some(drift) => write!(f, "; {drift}"),
+            None => Ok(()),
+        }
+    }
+
     /// How the autopilot's clock is known.
     fn write_clock(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.timesync {

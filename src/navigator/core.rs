@@ -20,9 +20,9 @@ use super::observation::Fused;
 use super::published::Published;
 use super::reset::Reset;
 use super::settings::{Estimator as Kind, FlowSettings, NavigatorSettings};
+use super::shadow;
 use super::solution::{Mode, VelocitySource};
 use super::sources::status::{SourceId, StatusBoard};
-use super::sources::{airspeed, drag};
 use super::stream::ImuStream;
 use super::timeline::Timeline;
 use super::vehicle::VehicleState;
@@ -127,18 +127,9 @@ impl Core {
 
     /// What carries the velocity without GNSS.
     fn carrying(&self, now: AutopilotTime, facts: &SourceFacts) -> VelocitySource {
-        let flows = facts.flow_trusted && self.settings.estimator != Kind::Inertial;
-        if flows && super::estimator::has_flow(facts, now) {
-            VelocitySource::Flow
-        } else if facts.resting {
-            VelocitySource::Standstill
-        } else if airspeed::carries(facts, now) {
-            VelocitySource::Airspeed
-        } else if drag::carries(facts, now) {
-            VelocitySource::Drag
-        } else {
-            VelocitySource::Inertial
-        }
+        let coasts = self.settings.estimator == Kind::Inertial;
+        let facts = SourceFacts { flow_trusted: facts.flow_trusted && !coasts, ..*facts };
+        shadow::carrier(&facts, now)
     }
 
     /// Time goes on by `dt` s: dead reckoning and glides do, and what they lead to is decided.
@@ -153,6 +144,7 @@ impl Core {
         if self.dead_reckoning() {
             let source = self.carrying(now, facts);
             self.outage_source(now, dt, source, facts);
+            self.estimator.grow(dt, source);
             self.published.glide(dt, &self.settings.rejoin);
             if self.mode == Mode::Holdover {
                 sigma_m = self.horizontal_sigma_m(facts).unwrap_or(f64::INFINITY);
@@ -240,6 +232,7 @@ impl Core {
         self.begin_publishing();
         let exact = Matrix2::identity() * PLACE_SIGMA_M.powi(2);
         self.outage.begin_budget(&self.settings.holdover, exact, calibration);
+        self.estimator.hold_over();
         self.outage.begin();
         self.change_mode(now, Mode::Holdover, TransitionReason::NoGnss);
     }
@@ -261,6 +254,7 @@ impl Core {
             self.published.stays(&-walked);
             self.events.tell(now, EventKind::WalkedBack(walked.norm()));
         }
+        self.estimator.hold_over();
         // Gliding on without GNSS would be a wrong velocity: where it was published to be is where it is, plus what is missing.
         let start = Matrix2::identity() * facts.gnss_sigma_m.powi(2) + self.published.offset_covariance();
         self.outage.begin_budget(&self.settings.holdover, start, &calibration(&self.settings.flow));

@@ -19,6 +19,7 @@ use super::event::{EventKind, TransitionReason};
 use super::judge::Charge;
 use super::solution::Mode;
 use crate::navigator::tuning::memory::{LARGEST_OFFSET_M, MOST_GAP_S};
+use crate::navigator::tuning::shadow::ANOTHER_FLIGHT_LOG2;
 
 /// Everything that a navigator goes on from. Units are SI, frames those of the local frame at `origin`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +47,9 @@ pub struct Snapshot {
     pub sensors: SensorsMemory,
     /// The vehicle has flown while it said that it was disarmed.
     pub flew_disarmed: bool,
+    /// Without GNSS: for how long, s, what the trace of the position's covariance was, m², and what of that has grown while flow, air and inertia carried.
+    #[serde(default)]
+    pub growth: [f64; 5],
 }
 
 /// Published less estimated, and how often it jumped.
@@ -78,6 +82,22 @@ pub struct SensorsMemory {
     pub compass_wrong: bool,
     /// Mean square of what is wrong with the drag for some time, m²/s⁴.
     pub drag_spread: f64,
+    /// By what the drift exceeds what is claimed.
+    #[serde(default)]
+    pub drift: DriftMemory,
+}
+
+/// By what the drift exceeds what is claimed, at each horizon of the shadows: log₂ of the factor and its standard deviation; `None` where it was not
+/// measured.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriftMemory {
+    /// While flow carried.
+    pub flow: [Option<[f64; 2]>; 4],
+    /// Airspeed or drag.
+    pub air: [Option<[f64; 2]>; 4],
+    /// Nothing.
+    pub inertial: [Option<[f64; 2]>; 4],
 }
 
 /// A GNSS receiver.
@@ -164,6 +184,7 @@ pub(super) fn snapshot(navigator: &Navigator) -> Option<Snapshot> {
     let last = core.stream.last().filter(|_| core.mode != Mode::Aligning)?;
     let origin = core.surroundings.environment().filter(|e| e.placed)?.frame.origin();
     let (offset_ned, height_m, reset_counter) = core.published.memory();
+    let (drift, growth) = core.estimator.drift_memory();
     Some(Snapshot {
         time_us: last.time.micros(),
         mode: core.mode,
@@ -182,8 +203,10 @@ pub(super) fn snapshot(navigator: &Navigator) -> Option<Snapshot> {
             takeoff: sources.takeoff.memory(),
             compass_wrong: sources.magnetometer.contradicted().is_some(),
             drag_spread: sources.drag.spread(),
+            drift,
         },
         flew_disarmed: core.vehicle.flew_disarmed(),
+        growth,
     })
 }
 
@@ -240,6 +263,9 @@ fn restore(
     if !core.estimator.remember(then, &kept.filter, &core.settings) {
         return Err(ResumeError::Impossible("filter"));
     }
+    if !core.estimator.recall_growth(kept.growth) {
+        return Err(ResumeError::Impossible("growth"));
+    }
     if kept.by_motion {
         core.estimator.lead_by_motion();
     }
@@ -276,7 +302,18 @@ pub(super) fn recall(navigator: &mut Navigator, kept: &SensorsMemory) -> Result<
     }
     sources.flow.recall(&kept.flow, &settings.flow);
     sources.drag.recall(kept.drag_spread);
+    navigator.core.estimator.recall_drift(&kept.drift);
     Ok(())
+}
+
+impl DriftMemory {
+    /// The same for another flight: with another load, in another wind.
+    fn to_be_confirmed(&self) -> Self {
+        let wider = |of: [Option<[f64; 2]>; 4]| {
+            of.map(|h| h.map(|[log2, sigma]| [log2, sigma.hypot(ANOTHER_FLIGHT_LOG2)]))
+        };
+        Self { flow: wider(self.flow), air: wider(self.air), inertial: wider(self.inertial) }
+    }
 }
 
 impl SensorsMemory {
@@ -284,6 +321,7 @@ impl SensorsMemory {
     pub fn to_be_confirmed(&self) -> Self {
         let confirm =
             |f: &FlowMemory| FlowMemory { calibration: f.calibration.to_be_confirmed(), ..f.clone() };
-        Self { flow: self.flow.iter().map(confirm).collect(), ..self.clone() }
+        let drift = self.drift.to_be_confirmed();
+        Self { flow: self.flow.iter().map(confirm).collect(), drift, ..self.clone() }
     }
 }

@@ -39,6 +39,7 @@ mod published;
 mod relative;
 mod reset;
 pub mod settings;
+pub mod shadow;
 pub mod solution;
 pub mod sources;
 mod step;
@@ -68,6 +69,7 @@ use memory::{ResumeError, SensorsMemory, Snapshot};
 use monitor::{GnssFault, GnssState};
 use reset::Reset;
 use settings::NavigatorSettings;
+use shadow::MeasuredDrift;
 use solution::{Mode, Solution};
 use sources::SourceSet;
 use sources::status::{SourceId, SourceReport, StatusBoard};
@@ -241,6 +243,11 @@ impl Navigator {
     /// Where navigation began without any fix, as it is configured, while no receiver has had one since.
     pub fn began_at(&self) -> Option<Geodetic> {
         self.core.settings.start.place.filter(|_| self.is_relative())
+    }
+
+    /// What dead reckonings beside GNSS have measured on this flight, whatever would carry an outage now first.
+    pub fn measured_drift(&self) -> Vec<MeasuredDrift> {
+        self.core.estimator.measured_drift()
     }
 
     /// What became of everything that every source told.

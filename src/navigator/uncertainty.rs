@@ -35,8 +35,15 @@ impl Core {
         match (self.mode, self.estimator.covariance(), by_budget) {
             (Mode::Aligning, ..) => unknown(),
             (_, Some((p, v, whole)), by_budget) => {
-                let (mut p, mut v) =
-                    (p.fixed_view::<2, 2>(0, 0).into_owned(), v.fixed_view::<2, 2>(0, 0).into_owned());
+                let (position, velocity) = if self.dead_reckoning() {
+                    self.estimator.proven(self.outage.source())
+                } else {
+                    (1.0, 1.0)
+                };
+                let (mut p, mut v) = (
+                    p.fixed_view::<2, 2>(0, 0).into_owned() * position,
+                    v.fixed_view::<2, 2>(0, 0).into_owned() * velocity,
+                );
                 if let Some((p_budget, v_budget)) = by_budget.filter(|_| !whole) {
                     p += p_budget;
                     v += v_budget;

@@ -300,13 +300,13 @@ fn a_receiver_that_comes_back_far_away_is_not_believed_at_once() {
                     return;
                 }
                 if t < FAULT_S + 80.0 {
-                    let moved = |p| frame.to_geodetic(&(frame.to_ned(&p) + Vector3::new(60.0, 80.0, 0.0)));
+                    let moved = |p| frame.to_geodetic(&(frame.to_ned(&p) + Vector3::new(90.0, 120.0, 0.0)));
                     g.position = g.position.map(moved);
                 }
             }
             out.push(s);
         };
-        let seen = faulty(&format!("{vehicle}: GNSS back 100 m away"), ready, true, away, same_time);
+        let seen = faulty(&format!("{vehicle}: GNSS back 150 m away"), ready, true, away, same_time);
         assert!(seen.honest().error_m < 60.0, "{}: {} m", seen.name, seen.error_m);
         assert_eq!(seen.navigator.mode(), Mode::Aided, "{}: {:?}", seen.name, seen.modes);
     }

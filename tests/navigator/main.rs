@@ -30,3 +30,4 @@ mod modes;
 mod patches;
 mod random_samples;
 mod resumed;
+mod shadow;

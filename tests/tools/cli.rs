@@ -291,7 +291,7 @@ fn check_prints_the_defaults_and_the_reference() {
     );
 }
 
-const KEYS: [&str; 13] = [
+const KEYS: [&str; 14] = [
     "log",
     "duration_s",
     "frames",
@@ -304,6 +304,7 @@ const KEYS: [&str; 13] = [
     "modes",
     "repairs",
     "sources",
+    "drift",
     "realtime_factor",
 ];
 const SOURCE: [&str; 9] =

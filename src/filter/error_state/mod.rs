@@ -193,6 +193,8 @@ pub struct Eskf {
     state: EskfState,
     p: Covariance,
     pending: ErrorTransition,
+    /// Longest step of the covariance, s.
+    covariance_step_s: f64,
     steps: u32,
     /// What the covariance became last was finite.
     sound: bool,
@@ -220,7 +222,15 @@ impl Eskf {
         }
         p.fixed_view_mut::<4, 4>(FLOW, FLOW).copy_from(&sigma.flow);
         p[(DRAG, DRAG)] = settings.air.drag_sigma.powi(2);
-        Self { settings, state, p, pending: ErrorTransition::new(state.r_body_to_ned), steps: 0, sound: true }
+        Self {
+            settings,
+            state,
+            p,
+            pending: ErrorTransition::new(state.r_body_to_ned),
+            covariance_step_s: COVARIANCE_STEP_S,
+            steps: 0,
+            sound: true,
+        }
     }
 
     /// The nominal state.
@@ -228,7 +238,7 @@ impl Eskf {
         &self.state
     }
 
-    /// Covariance of the position, NED, m². As all covariances, it may be 20 ms old between measurements.
+    /// Covariance of the position, NED, m². As all covariances, it may be a step of the covariance old between measurements.
     pub fn position_covariance(&self) -> Matrix3<f64> {
         self.p.fixed_view::<3, 3>(P, P).into_owned()
     }
@@ -310,6 +320,11 @@ impl Eskf {
         self.settings.gyro_noise = density;
     }
 
+    /// The covariance follows the motion in steps of so many seconds: longer ones cost less, and are of second order in the rotation within.
+    pub fn set_covariance_step(&mut self, seconds: f64) {
+        self.covariance_step_s = seconds;
+    }
+
     fn decorrelate(&mut self, index: usize, sigma: f64) {
         self.p.row_mut(index).fill(0.0);
         self.p.column_mut(index).fill(0.0);
@@ -346,7 +361,7 @@ impl Eskf {
             s.r_body_to_ned = clean;
         }
         self.pending.add(dt, &turn, &r, &f_ned, &inertial, (f_ned + gravity_ned).norm());
-        if self.pending.dt >= COVARIANCE_STEP_S {
+        if self.pending.dt >= self.covariance_step_s {
             self.propagate_covariance();
         }
         acceleration

@@ -1,6 +1,6 @@
 //! The error-state filter's tuning constants, with their reasons. Its noise is [`super::EskfSettings`].
 
-/// Longest step of the covariance, s. The error's transition is linear in sums over it: of second order in the rotation within, some 10⁻³ at
+/// Longest step of the covariance, s, where nobody asks for another. The error's transition is linear in sums over it: of second order in the rotation within, some 10⁻³ at
 /// 2 rad/s. Longer saves time, shorter follows faster rotations.
 pub(super) const COVARIANCE_STEP_S: f64 = 0.02;
 /// Samples between two orthonormalisations: a product of rotations leaves SO(3) by 10⁻¹⁶ a sample.

@@ -1,7 +1,7 @@
 //! The stage that flies: the error-state filter, started by the nonlinear observer when that has found the attitude, fed with the same
 //! measurements, and watched by the observer from then on.
 
-use nalgebra::{Matrix4, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix4, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
 use crate::filter::Jitter;
@@ -73,14 +73,54 @@ impl StartPoint<'_> {
 
 /// The filter and when it was last fed.
 #[derive(Clone, Debug)]
-pub(super) struct ErrorStateStage {
+pub(in super::super) struct ErrorStateStage {
     filter: Eskf,
     /// Of gyros that do not shake, rad/s/√Hz.
     configured_gyro_noise: f64,
     magnetic_due: AutopilotTime,
     height_due: AutopilotTime,
+    /// How often magnetometer and height are fused, s.
+    periods_s: [f64; 2],
     pub(super) watch: Watch,
-    lookback: Lookback,
+    /// Of the filter that is published.
+    lookback: Option<Lookback>,
+}
+
+/// What is remembered of the past, as it was for a filter.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct FilterPast<'a> {
+    timeline: &'a Timeline,
+    /// Of a filter beside the one that the timeline is of, less that: attitude about NED, velocity, NED, m/s, air velocity, body, m/s.
+    apart: Option<(Matrix3<f64>, Vector3<f64>, Vector3<f64>)>,
+}
+
+impl<'a> FilterPast<'a> {
+    /// Of the filter that is published.
+    pub(super) fn of(timeline: &'a Timeline) -> Self {
+        Self { timeline, apart: None }
+    }
+
+    /// Of another filter at `own`, while the published one is at `published`: their difference is that of the present, for a measurement is not
+    /// so late that it changes.
+    pub(in super::super) fn beside(timeline: &'a Timeline, own: &EskfState, published: &EskfState) -> Self {
+        let turn = own.r_body_to_ned * published.r_body_to_ned.transpose();
+        let faster = own.velocity_ned - published.velocity_ned;
+        let through_air = own.air_velocity_body() - published.air_velocity_body();
+        Self { timeline, apart: Some((turn, faster, through_air)) }
+    }
+
+    fn velocity(&self, at: AutopilotTime) -> Option<Vector3<f64>> {
+        let (_, velocity) = self.timeline.motion(at)?;
+        Some(self.apart.map_or(velocity, |(_, faster, _)| velocity + faster))
+    }
+
+    fn attitude(&self, r_body_to_ned: &Matrix3<f64>) -> Matrix3<f64> {
+        self.apart.map_or(*r_body_to_ned, |(turn, ..)| turn * r_body_to_ned)
+    }
+
+    fn air_body(&self, air_body: &Vector3<f64>) -> Vector3<f64> {
+        self.apart.map_or(*air_body, |(.., through_air)| air_body + through_air)
+    }
 }
 
 impl ErrorStateStage {
@@ -112,8 +152,9 @@ impl ErrorStateStage {
             configured_gyro_noise: settings.gyro_noise,
             magnetic_due: now,
             height_due: now,
+            periods_s: [MAGNETIC_PERIOD_S, HEIGHT_PERIOD_S],
             watch: Watch::default(),
-            lookback: Lookback::new(),
+            lookback: Some(Lookback::new()),
         })
     }
 
@@ -131,18 +172,32 @@ impl ErrorStateStage {
             configured_gyro_noise,
             magnetic_due: now,
             height_due: now,
+            periods_s: [MAGNETIC_PERIOD_S, HEIGHT_PERIOD_S],
             watch: Watch::default(),
-            lookback: Lookback::new(),
+            lookback: Some(Lookback::new()),
         })
     }
 
-    pub(super) fn filter(&self) -> &Eskf {
+    /// The same filter in a coarser form that costs less: the covariance in steps of so many seconds, magnetometer and height so often, s.
+    pub(in super::super) fn shadow(&self, covariance_step_s: f64, periods_s: [f64; 2]) -> Self {
+        let mut filter = self.filter.clone();
+        filter.set_covariance_step(covariance_step_s);
+        Self { filter, periods_s, lookback: None, watch: Watch::default(), ..*self }
+    }
+
+    fn forget_past(&mut self) {
+        if let Some(lookback) = &mut self.lookback {
+            lookback.forget();
+        }
+    }
+
+    pub(in super::super) fn filter(&self) -> &Eskf {
         &self.filter
     }
 
     /// To be set anew: what it was before is no past of it then.
-    pub(super) fn filter_mut(&mut self) -> &mut Eskf {
-        self.lookback.forget();
+    pub(in super::super) fn filter_mut(&mut self) -> &mut Eskf {
+        self.forget_past();
         &mut self.filter
     }
 
@@ -153,7 +208,7 @@ impl ErrorStateStage {
         then: AutopilotTime,
         environment: &LocalEnvironment,
     ) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let mut filter = self.lookback.since(then, environment)?;
+        let mut filter = self.lookback.as_mut()?.since(then, environment)?;
         let (before, after) = (*self.filter.state(), *filter.state());
         let climbed = before.position_ned.z - after.position_ned.z;
         filter.shift_origin(&Vector3::new(0.0, 0.0, -climbed));
@@ -169,7 +224,7 @@ impl ErrorStateStage {
     }
 
     /// One IMU sample, and the height when it is due. `None` when the estimate is not finite any more.
-    pub(super) fn step(
+    pub(in super::super) fn step(
         &mut self,
         s: &ImuSample,
         dt: f64,
@@ -185,11 +240,13 @@ impl ErrorStateStage {
             gravity_ned,
             earth_rate_ned,
         );
-        self.lookback.note(s, dt, &self.filter);
+        if let Some(lookback) = &mut self.lookback {
+            lookback.note(s, dt, &self.filter);
+        }
         if let Some(height) = height_m
             && s.time >= self.height_due
         {
-            self.height_due = s.time + Span::from_seconds(HEIGHT_PERIOD_S);
+            self.height_due = s.time + Span::from_seconds(self.periods_s[1]);
             let innovation = -height - self.filter.state().position_ned.z;
             fused.note(
                 Measured::Height,
@@ -239,11 +296,11 @@ impl ErrorStateStage {
     }
 
     /// Takes an observation.
-    pub(super) fn fuse(
+    pub(in super::super) fn fuse(
         &mut self,
         now: AutopilotTime,
         observation: &Observation,
-        timeline: &Timeline,
+        past: &FilterPast<'_>,
         environment: &LocalEnvironment,
         fused: &mut Fused,
     ) {
@@ -252,8 +309,8 @@ impl ErrorStateStage {
                 self.fuse_field(now, field_body, field_ned, *sigma_t, fused);
             }
             Observation::Fix { measured, position_error, velocity_error, sigma } => {
-                let lag = match timeline.motion(*measured) {
-                    Some((_, then)) => self.lag(now, *measured, &then, environment),
+                let lag = match past.velocity(*measured) {
+                    Some(then) => self.lag(now, *measured, &then, environment),
                     None => Lag::NONE,
                 };
                 let variances = sigma.map(|s| s * s);
@@ -264,12 +321,11 @@ impl ErrorStateStage {
                 }
             }
             Observation::Flow { measured, v_xy, distance_m, r_body_to_ned, covariance, .. } => {
-                let state = self.filter.state();
-                let present = (state.position_ned, state.velocity_ned);
-                let (_, velocity) = timeline.motion(*measured).unwrap_or(present);
+                let velocity = past.velocity(*measured).unwrap_or(self.filter.state().velocity_ned);
+                let r_body_to_ned = past.attitude(r_body_to_ned);
                 let lag = self.lag(now, *measured, &velocity, environment);
                 let seen = SeenFlow { v_xy: *v_xy, distance_m: *distance_m, covariance: *covariance };
-                let result = self.filter.fuse_flow(&seen, &velocity, r_body_to_ned, &lag);
+                let result = self.filter.fuse_flow(&seen, &velocity, &r_body_to_ned, &lag);
                 fused.note_all(Measured::Flow, result);
             }
             Observation::Airspeed { speed_mps, sigma_mps, sideslip_sigma_rad } => {
@@ -280,7 +336,8 @@ impl ErrorStateStage {
                 }
             }
             Observation::Drag { force_xy, air_body, sigma_mps2 } => {
-                fused.note_all(Measured::Drag, self.filter.fuse_drag(force_xy, air_body, *sigma_mps2));
+                let air_body = past.air_body(air_body);
+                fused.note_all(Measured::Drag, self.filter.fuse_drag(force_xy, &air_body, *sigma_mps2));
             }
             Observation::Standstill { angular_rate_body, earth_rate_ned, sigma_mps, sigma_radps } => {
                 let result =
@@ -309,7 +366,7 @@ impl ErrorStateStage {
         if now < self.magnetic_due {
             return;
         }
-        self.magnetic_due = now + Span::from_seconds(MAGNETIC_PERIOD_S);
+        self.magnetic_due = now + Span::from_seconds(self.periods_s[0]);
         if self.yaw_sigma() > WIDE_YAW && self.head(field_body, field_ned, sigma_t) {
             return;
         }
@@ -343,7 +400,7 @@ impl ErrorStateStage {
         gap_s: f64,
         environment: &LocalEnvironment,
     ) -> Option<Stepped> {
-        self.lookback.forget();
+        self.forget_past();
         let rate = 0.5 * (last.angular_rate.raw() + s.angular_rate.raw());
         let force = 0.5 * (last.specific_force.raw() + s.specific_force.raw());
         let steps = (gap_s / BRIDGE_STEP_S).ceil().max(1.0);
@@ -358,7 +415,7 @@ impl ErrorStateStage {
 
     /// Over a hole that is too long for that: with the velocity that it had. `None` when that is not finite.
     pub(super) fn coast(&mut self, s: &ImuSample, gap_s: f64) -> Option<Stepped> {
-        self.lookback.forget();
+        self.forget_past();
         self.filter.coast(gap_s);
         let speed = self.filter.state().velocity_ned.norm();
         self.filter.doubt(&hole::doubt_beyond(gap_s, speed));
@@ -382,7 +439,7 @@ impl ErrorStateStage {
         field: Option<(&Vector3<f64>, &Vector3<f64>)>,
         sigma_t: f64,
     ) {
-        self.lookback.forget();
+        self.forget_past();
         let yaw = self.yaw_sigma();
         self.filter.set_attitude(&found.turn_ned, found.tilt_sigma, yaw);
         if let Some((body, ned)) = field.filter(|_| yaw > found.tilt_sigma) {

@@ -12,6 +12,7 @@ mod heading;
 mod hole;
 mod lookback;
 mod observer;
+mod proven;
 mod step;
 mod without_inertia;
 
@@ -28,13 +29,14 @@ use super::environment::LocalEnvironment;
 use super::observation::{Fused, Observation};
 use super::reset::Reset;
 use super::settings::{Estimator as Kind, NavigatorSettings};
+use super::shadow::{Growth, Shadows};
 use super::solution::Mode;
 use super::timeline::Timeline;
 
 use crate::navigator::tuning::estimator::{AIDED_SPEED_SIGMA, UNKNOWN_SPEED_SIGMA};
 use crate::navigator::tuning::observer::WAIT_FOR_MAGNETOMETER_S;
-pub(super) use error_state::StartPoint;
-use error_state::{ErrorStateStage, StartSigmas};
+use error_state::StartSigmas;
+pub(super) use error_state::{ErrorStateStage, FilterPast, StartPoint};
 use exogenous::ExogenousStage;
 use heading::HeadingSearch;
 use hole::Settling;
@@ -65,6 +67,10 @@ pub(super) struct EstimatorStack {
     settling: Option<Settling>,
     /// Without inertia, for this long, s.
     coasted_s: Option<f64>,
+    /// Dead reckonings that prove what is claimed.
+    shadows: Shadows,
+    /// What the covariance has grown by in this outage.
+    growth: Growth,
 }
 
 impl EstimatorStack {
@@ -81,6 +87,8 @@ impl EstimatorStack {
             jitter: Jitter::default(),
             settling: None,
             coasted_s: None,
+            shadows: Shadows::new(),
+            growth: Growth::default(),
         }
     }
 
@@ -157,26 +165,6 @@ impl EstimatorStack {
         self.observer.state.as_ref().map(|s| (s.position_ned, s.velocity_ned))
     }
 
-    /// Covariances of position and velocity, NED, m² and (m/s)², of the filter that is published, if one is; and whether they say all: those
-    /// of a filter whose biases are frozen in dead reckoning do not.
-    pub(super) fn covariance(&self) -> Option<(Matrix3<f64>, Matrix3<f64>, bool)> {
-        if let Some(stage) = self.error_state() {
-            let filter = stage.filter();
-            return Some((filter.position_covariance(), filter.velocity_covariance(), true));
-        }
-        let filter = self.exogenous()?.filter();
-        Some((filter.position_covariance(), filter.velocity_covariance(), false))
-    }
-
-    /// Covariance of the attitude of the filter that is published, about the NED axes, rad².
-    pub(super) fn attitude_covariance(&self) -> Option<Matrix3<f64>> {
-        match (self.error_state(), self.exogenous()) {
-            (Some(stage), _) => Some(stage.filter().attitude_covariance_ned()),
-            (None, Some(stage)) => Some(stage.filter().attitude_covariance_ned()),
-            (None, None) => None,
-        }
-    }
-
     /// Whether the heading came from motion and the observer has still nothing to find it by: then it only follows.
     pub(super) fn is_led(&self, facts: &SourceFacts, now: AutopilotTime) -> bool {
         self.heading.by_motion() && is_blind(facts, now)
@@ -223,6 +211,10 @@ impl EstimatorStack {
             Stage::ErrorState(stage) => error_state::step(stage, s, dt, input, &progress, &mut fused),
             Stage::Exogenous(stage) => exogenous::step(stage, s, dt, input, &progress, &mut fused),
         };
+        if let Stage::ErrorState(Some(stage)) = &self.stage {
+            let speed_mps = stage.filter().state().velocity_ned.norm();
+            self.shadows.step(s, dt, input, facts, speed_mps);
+        }
         let settled = self.settle(s, dt, input);
         let stepped = settled.or(stepped).unwrap_or_else(|| {
             let r = observed.r_body_to_ned().unwrap_or(*r_body_to_ned);
@@ -252,7 +244,11 @@ impl EstimatorStack {
         }
         match &mut self.stage {
             Stage::ErrorState(Some(stage)) => {
-                stage.fuse(now, observation, timeline, environment, &mut fused);
+                self.shadows.observe(now, observation, stage, timeline, environment);
+                stage.fuse(now, observation, &FilterPast::of(timeline), environment, &mut fused);
+                if matches!(observation, Observation::Fix { .. }) {
+                    self.shadows.restart(now, stage);
+                }
             }
             Stage::Exogenous(Some(stage)) => stage.fuse(observation, timeline, &mut fused),
             Stage::Observer | Stage::ErrorState(None) | Stage::Exogenous(None) => {}
@@ -275,6 +271,7 @@ impl EstimatorStack {
     }
 
     fn start_filter_as(&mut self, now: AutopilotTime, from: &StartPoint<'_>, known: &StartSigmas) {
+        self.shadows.abort();
         if let (Stage::ErrorState(stage), Some(observed)) = (&mut self.stage, &self.observer.state)
             && let Some(started) = ErrorStateStage::start(now, observed, from, known)
         {
@@ -284,6 +281,7 @@ impl EstimatorStack {
 
     /// Starts whatever stage there is anew from the observer, at the measurement signal: fixes say that it is wrong.
     pub(super) fn restart(&mut self, now: AutopilotTime, from: &StartPoint<'_>) {
+        self.shadows.abort();
         self.observer.take_signal_over();
         self.start_filter(now, from);
         let time_constant = self.observer.fusini().flow_bias_time_constant_s;
@@ -295,6 +293,7 @@ impl EstimatorStack {
 
     /// The position is somewhere else by `by`, NED, m: no measurement, a decision.
     pub(super) fn relocate(&mut self, by: &Vector3<f64>) {
+        self.shadows.abort();
         match &mut self.stage {
             Stage::ErrorState(Some(stage)) => stage.filter_mut().shift_origin(&-by),
             Stage::Exogenous(Some(stage)) => stage.filter_mut().shift_position(by),
@@ -307,6 +306,7 @@ impl EstimatorStack {
 
     /// North was elsewhere: everything is turned about the vertical, rad.
     pub(super) fn turn(&mut self, now: AutopilotTime, angle: f64) {
+        self.shadows.abort();
         if let Some(stage) = self.error_state_mut() {
             stage.filter_mut().turn(angle);
         }
@@ -333,6 +333,7 @@ impl EstimatorStack {
         then: AutopilotTime,
         environment: &LocalEnvironment,
     ) -> Option<Vector3<f64>> {
+        self.shadows.abort();
         let (moved, _) = self.error_state_mut()?.go_back(then, environment)?;
         let (position_ned, velocity_ned) = self.estimate()?;
         self.observer.predictor.reset(now, &position_ned, &velocity_ned);
@@ -350,6 +351,7 @@ impl EstimatorStack {
 
     /// The position may be off by `sigma_m` more than the error-state filter thinks.
     pub(super) fn doubt_position(&mut self, sigma_m: f64) {
+        self.shadows.abort();
         if let Some(stage) = self.error_state_mut() {
             stage.filter_mut().doubt(&Doubt { position: sigma_m, ..Doubt::NONE });
         }
@@ -483,6 +485,7 @@ impl EstimatorStack {
             self.settling = Some(Settling::default());
             stepped
         };
+        self.doubted();
         self.follow_filter();
         Some(stepped)
     }
@@ -565,6 +568,7 @@ impl EstimatorStack {
     }
 
     pub(super) fn reset(&mut self, reset: &Reset, environment: Option<&LocalEnvironment>) {
+        self.shadows.abort();
         match reset {
             Reset::OriginMoved(moved) => {
                 self.relocate(&-moved);

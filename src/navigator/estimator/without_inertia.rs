@@ -18,6 +18,7 @@ impl EstimatorStack {
         let stepped = stage.coast_on(s, dt, [from_s, to_s])?;
         self.coasted_s = Some(to_s);
         self.settling = None;
+        self.doubted();
         self.follow_filter();
         Some(stepped)
     }
@@ -28,6 +29,7 @@ impl EstimatorStack {
             let correlation = 0.75f64.sqrt();
             stage.filter_mut().doubt(&Doubt { position, velocity, correlation, ..Doubt::NONE });
         }
+        self.doubted();
     }
 
     /// There is inertia again: the attitude is found anew.

@@ -6,6 +6,7 @@
 mod decisions;
 mod estimation;
 mod sensing;
+pub(super) mod shadow;
 
 pub(super) use decisions::{
     budget, core, environment, event_log, gnss_integrity, heading_witness, height, inertia_witness,

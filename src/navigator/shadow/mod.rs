@@ -1,0 +1,252 @@
+//! The shadows: while GNSS is trusted, dead reckonings that begin at the running filter's state and go on without GNSS, so that this flight's own
+//! drift is measured before it matters, and what is claimed in an outage is proven.
+//!
+//! ```text
+//! filter, just corrected by a fix -> run (a copy; IMU, magnetometer, height, and what carries) -> 10, 30, 60, 120 s later: a fix less the run
+//!        -> factor: how many times its claimed growth that is -> drift, by what carried -> growth of an outage's covariance, times its factor
+//! ```
+//!
+//! Two run at a time: one with whatever carries, for 10 s and in turns for up to 120 s, and one that coasts on inertia alone for 10 s, since what
+//! carries may end, too. The filter of an outage is left as it is: its gains weigh one source against another, and were they changed with
+//! the factors, a magnetometer or a height that is wrong would gain weight. It is what is published that is multiplied.
+
+mod drift;
+mod factor;
+mod growth;
+mod run;
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::sample::ImuSample;
+use crate::time::AutopilotTime;
+
+use super::context::SourceFacts;
+use super::environment::LocalEnvironment;
+use super::estimator::{ErrorStateStage, StepInput};
+use super::memory::DriftMemory;
+use super::observation::Observation;
+use super::solution::{Mode, VelocitySource};
+use super::sources::{airspeed, drag};
+use super::timeline::Timeline;
+use crate::navigator::tuning::shadow::{FIX_NOISE_FIXES, FLIES_M, FLIES_MPS, HORIZONS_S, TURNS, WANDER_S};
+pub use drift::MeasuredDrift;
+pub(super) use drift::ProvenDrift;
+use factor::DriftError;
+pub(super) use growth::Growth;
+use run::{Goes, Present, Run};
+
+/// What fixes are off by for themselves: the mean square of their innovations an axis, m².
+#[derive(Clone, Copy, Debug, Default)]
+struct FixNoise {
+    fixes: f64,
+    square: f64,
+}
+
+impl FixNoise {
+    fn add(&mut self, error: &Vector2<f64>) {
+        self.fixes = (self.fixes + 1.0).min(FIX_NOISE_FIXES);
+        self.square += (0.5 * error.norm_squared() - self.square) / self.fixes;
+    }
+}
+
+/// A place for runs, one after the other; its memory is kept.
+#[derive(Clone, Debug)]
+struct Slot {
+    run: Option<Box<Run>>,
+    /// The run goes on, to this horizon.
+    going: Option<usize>,
+    goes: Goes,
+    /// How far the runs go, in turns, and whose turn it is.
+    turns: &'static [usize],
+    turn: usize,
+}
+
+impl Slot {
+    fn new(goes: Goes, turns: &'static [usize]) -> Self {
+        Self { run: None, going: None, goes, turns, turn: 0 }
+    }
+
+    fn going(&mut self) -> Option<&mut Run> {
+        self.run.as_deref_mut().filter(|_| self.going.is_some())
+    }
+
+    /// Begins the next run at the filter, if none goes on.
+    fn restart(&mut self, now: AutopilotTime, filter: &ErrorStateStage) {
+        if self.going.is_some() {
+            return;
+        }
+        let run = Run::start(now, filter, self.goes);
+        match &mut self.run {
+            Some(place) => **place = run,
+            None => self.run = Some(Box::new(run)),
+        }
+        self.going = Some(self.turns[self.turn % self.turns.len()]);
+    }
+
+    /// The run has reached this horizon.
+    fn reached(&mut self, horizon: usize) {
+        if self.going == Some(horizon) {
+            self.going = None;
+            self.turn = (self.turn + 1) % self.turns.len();
+        }
+    }
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub(super) struct Shadows {
+    slots: [Slot; 2],
+    drift: ProvenDrift,
+    fix_noise: FixNoise,
+    present: Present,
+    /// GNSS is.
+    trusted: bool,
+}
+
+/// What carries the velocity without GNSS, as things are at present.
+pub(super) fn carrier(facts: &SourceFacts, now: AutopilotTime) -> VelocitySource {
+    if facts.flow_trusted && super::estimator::has_flow(facts, now) {
+        VelocitySource::Flow
+    } else if facts.resting {
+        VelocitySource::Standstill
+    } else if airspeed::carries(facts, now) {
+        VelocitySource::Airspeed
+    } else if drag::carries(facts, now) {
+        VelocitySource::Drag
+    } else {
+        VelocitySource::Inertial
+    }
+}
+
+/// A fix, and how far it lies from the filter.
+#[derive(Clone, Copy, Debug)]
+struct FixSeen {
+    measured: AutopilotTime,
+    /// NE, m.
+    error: Vector2<f64>,
+    /// As claimed, an axis, m.
+    sigma_m: f64,
+}
+
+impl Shadows {
+    pub(super) fn new() -> Self {
+        Self {
+            slots: [Slot::new(Goes::Carried, &TURNS), Slot::new(Goes::Coasting, &[0])],
+            drift: ProvenDrift::new(),
+            fix_noise: FixNoise::default(),
+            present: Present { carrier: VelocitySource::Inertial, flies: false },
+            trusted: false,
+        }
+    }
+
+    /// What was learned.
+    pub(super) fn drift(&self) -> &ProvenDrift {
+        &self.drift
+    }
+
+    /// It was learned before.
+    pub(super) fn recall(&mut self, memory: &DriftMemory) {
+        self.drift.recall(memory);
+    }
+
+    /// What would carry an outage that began now.
+    pub(super) fn carrier(&self) -> VelocitySource {
+        self.present.carrier
+    }
+
+    /// Whatever sets the filter's state anew makes the comparison void.
+    pub(super) fn abort(&mut self) {
+        self.slots.iter_mut().for_each(|s| s.going = None);
+    }
+
+    /// One IMU sample; `speed_mps` is the filter's.
+    pub(super) fn step(
+        &mut self,
+        s: &ImuSample,
+        dt: f64,
+        input: &StepInput<'_>,
+        facts: &SourceFacts,
+        speed_mps: f64,
+    ) {
+        self.trusted = matches!(input.mode, Mode::Aided | Mode::Rejoining);
+        if !self.trusted {
+            self.abort();
+            return;
+        }
+        let above_m = input.height_m.zip(facts.ground).map(|(h, ground)| h - ground.height_m);
+        let flies = !facts.resting && (speed_mps > FLIES_MPS || above_m.is_some_and(|h| h > FLIES_M));
+        self.present = Present { carrier: carrier(facts, s.time), flies };
+        for slot in &mut self.slots {
+            if let Some(run) = slot.going()
+                && !run.step(s, dt, input.environment, input.height_m, &self.present)
+            {
+                slot.going = None;
+            }
+        }
+    }
+
+    /// What the filter is about to take.
+    pub(super) fn observe(
+        &mut self,
+        now: AutopilotTime,
+        observation: &Observation,
+        filter: &ErrorStateStage,
+        timeline: &Timeline,
+        environment: &LocalEnvironment,
+    ) {
+        if let Observation::Fix { measured, position_error, sigma, .. } = observation {
+            let fix = FixSeen { measured: *measured, error: *position_error, sigma_m: sigma[0] };
+            self.compare(now, &fix, filter, environment);
+            self.fix_noise.add(position_error);
+            return;
+        }
+        for slot in &mut self.slots {
+            if let Some(run) = slot.going() {
+                run.observe(now, observation, filter, (timeline, environment), &self.present);
+            }
+        }
+    }
+
+    fn compare(
+        &mut self,
+        now: AutopilotTime,
+        fix: &FixSeen,
+        filter: &ErrorStateStage,
+        environment: &LocalEnvironment,
+    ) {
+        for slot in &mut self.slots {
+            let goes = slot.goes;
+            let Some(run) = slot.going() else { continue };
+            let age_s = run.age_s(fix.measured);
+            let horizon = run.horizon;
+            if age_s < HORIZONS_S[horizon] {
+                continue;
+            }
+            run.horizon += 1;
+            // Where nothing carries both coast, and the same is not counted twice.
+            let twice =
+                |s: &VelocitySource| *s == VelocitySource::Inertial && goes == Goes::Carried && horizon == 0;
+            let factor = run.carrier().filter(|s| !twice(s)).and_then(|s| self.drift.of_mut(s));
+            if let Some(factor) = factor {
+                let drifted = run.drifted(now, fix.measured, &fix.error, filter, environment);
+                // The receiver's error of the start is the shadow's, too; what it has changed by since is not: 2 σ² (1 − e^(−t/τ)) of a Markov process.
+                let wander = 2.0 * fix.sigma_m.powi(2) * (1.0 - (-age_s / WANDER_S).exp());
+                let noise = Matrix2::identity() * (self.fix_noise.square + wander);
+                let growth = drifted.claimed - drifted.start;
+                factor.learn(
+                    horizon,
+                    &DriftError { error: drifted.error, growth, rest: drifted.start + noise },
+                );
+            }
+            slot.reached(horizon);
+        }
+    }
+
+    /// The filter has taken a fix: what has ended begins again from there.
+    pub(super) fn restart(&mut self, now: AutopilotTime, filter: &ErrorStateStage) {
+        if !self.trusted {
+            return;
+        }
+        self.slots.iter_mut().for_each(|slot| slot.restart(now, filter));
+    }
+}
