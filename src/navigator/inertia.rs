@@ -55,10 +55,8 @@ pub(super) fn hear_gnss(
         Testimony::Contradicts if knows_tilt(core, core.witnesses.gnss.limit()) => {
             lose_to(core, now, reading)
         }
-        Testimony::Agrees => {
-            if change.is_some_and(|change| core.witnesses.inertia.agrees(now, change)) {
-                judge::acquit(core, now, IMU);
-            }
+        Testimony::Agrees if change.is_some_and(|change| core.witnesses.inertia.agrees(now, change)) => {
+            judge::acquit(core, now, IMU);
         }
         _ => {}
     }

@@ -40,12 +40,10 @@ impl MeasuredDrift {
     /// Which of them to tell in a line: of what would carry now the longest that was measured, up to [`TOLD_S`], or that none was.
     pub fn to_tell(all: &[MeasuredDrift]) -> Option<MeasuredDrift> {
         let first = all.first()?;
-        let told = |m: &&MeasuredDrift| m.source == first.source && m.after_s <= TOLD_S;
-        all.iter()
-            .filter(told)
-            .rfind(|m| m.times > 0)
-            .or_else(|| all.iter().filter(told).next_back())
-            .copied()
+        let mut told = all.iter().filter(|m| m.source == first.source && m.after_s <= TOLD_S).rev();
+        let longest = told.next()?;
+        let measured = std::iter::once(longest).chain(told).find(|m| m.times > 0);
+        Some(*measured.unwrap_or(longest))
     }
 }
 
