@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::geo::{Geodetic, LocalNed};
-use crate::sample::{GnssFix, GnssSample, GroundVelocity};
+use crate::sample::{GnssFix, GnssSample, GnssWarning, GroundVelocity};
 
 use super::FaultKind;
 
@@ -31,6 +31,8 @@ pub(super) fn altered(
         FaultKind::Noise(sigma) => moved(fix, &(Vector3::new(normal(), normal(), normal()) * sigma)),
         FaultKind::Height(m) => moved(fix, &Vector3::new(0.0, 0.0, -m)),
         FaultKind::NoFix => without_fix(fix),
+        FaultKind::Spoofed => GnssSample { warning: Some(GnssWarning::Spoofed), ..*fix },
+        FaultKind::Jammed => GnssSample { warning: Some(GnssWarning::Jammed), ..*fix },
         FaultKind::Flap(period_s) if (since_s / period_s).fract() < 0.5 => without_fix(fix),
         FaultKind::NotANumber => GnssSample {
             position: fix.position.map(|p| Geodetic { latitude_rad: f64::NAN, longitude_rad: f64::NAN, ..p }),

@@ -86,6 +86,10 @@ pub enum FaultKind {
     Flap(f64),
     /// The height is off, m.
     Height(f64),
+    /// The receiver says that its signals are spoofed, or jammed.
+    Spoofed,
+    /// See there.
+    Jammed,
 }
 
 impl FaultKind {

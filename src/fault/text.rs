@@ -137,6 +137,8 @@ const KINDS: &[Named] = &[
     valued("walkboth", receiver, Takes::Course, FaultKind::WalkBoth),
     plain("nofix", receiver, |_, _| FaultKind::NoFix),
     valued("flap", receiver, Takes::Number, |v, _| FaultKind::Flap(v)).within(POSITIVE),
+    plain("spoofed", receiver, |_, _| FaultKind::Spoofed),
+    plain("jammed", receiver, |_, _| FaultKind::Jammed),
     valued("height", receiver, Takes::Number, |v, _| FaultKind::Height(v)),
 ];
 

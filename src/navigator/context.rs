@@ -29,6 +29,8 @@ pub(super) struct SourceFacts {
     /// When airspeed, and rotor drag, last corrected the velocity.
     pub(super) airspeed_used: Option<AutopilotTime>,
     pub(super) drag_used: Option<AutopilotTime>,
+    /// The receiver that is listened to.
+    pub(super) gnss_receiver: u8,
     /// What the receiver's position is wrong by for minutes, 1 sigma, m.
     pub(super) gnss_sigma_m: f64,
     /// Standard deviation of its latency, s.

@@ -18,6 +18,7 @@ use super::monitor::outage::Outage;
 use super::monitor::witnesses::Witnesses;
 use super::observation::Fused;
 use super::published::Published;
+use super::receivers;
 use super::reset::Reset;
 use super::settings::{Estimator as Kind, FlowSettings, NavigatorSettings};
 use super::shadow;
@@ -245,9 +246,10 @@ impl Core {
         facts: &SourceFacts,
         calibration: impl Fn(&FlowSettings) -> Matrix4<f64>,
     ) {
-        if fault == GnssFault::Inconsistent {
+        receivers::charge(self, now, facts.gnss_receiver, Err(fault), false);
+        if matches!(fault, GnssFault::Inconsistent | GnssFault::ContradictsFlow) {
             // What the slow lie added is taken back; the published position glides after it.
-            let walked = self.integrity.run_away();
+            let walked = self.integrity.walked();
             let walked = Vector3::new(walked.x, walked.y, 0.0);
             self.estimator.relocate(&-walked);
             self.timeline.reset(&Reset::Relocated);

@@ -36,6 +36,7 @@ pub mod memory;
 pub mod monitor;
 mod observation;
 mod published;
+mod receivers;
 mod relative;
 mod reset;
 pub mod settings;

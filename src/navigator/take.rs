@@ -3,6 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 
 use crate::altimeter::{Channel, HeightVerdict};
+use crate::geo::Geodetic;
 use crate::sample::{
     AirspeedSample, FlowSample, GnssSample, LandmarkSample, MagSample, PressureSample, RangeSample,
 };
@@ -19,7 +20,7 @@ use super::sources::flow::{FlowInput, MeasuredFlow, PatchArrival};
 use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
-use super::{Mode, Navigator, flow_judge, heading_turn, relative};
+use super::{Mode, Navigator, flow_judge, heading_turn, receivers, relative};
 use crate::navigator::tuning::hole::LOST_YAW;
 
 impl Navigator {
@@ -125,32 +126,44 @@ impl Navigator {
             return Verdict::Rejected(Reason::NotFinite);
         }
         let Some(now) = self.core.stream.newest() else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        let mut switched = false;
         match self.sources.gnss.select(s) {
             ReceiverChoice::Same => {}
-            ReceiverChoice::Redundant => return Verdict::Rejected(Reason::Redundant),
+            ReceiverChoice::Redundant if !receivers::spare(&mut self.core, &mut self.sources, now, s) => {
+                return Verdict::Rejected(Reason::Redundant);
+            }
+            ReceiverChoice::Redundant => {
+                switched = receivers::other_lied(&self.core, s.receiver);
+                self.core.height.another(Channel::Gnss);
+                self.core.events.tell(s.time, EventKind::Receiver(s.receiver));
+            }
             ReceiverChoice::Another => {
-                self.core.integrity.forget_track();
+                self.core.integrity.take_over(&mut self.sources.gnss.spare);
                 self.core.height.another(Channel::Gnss);
                 self.core.events.tell(s.time, EventKind::Receiver(s.receiver));
             }
         }
-        match self.fix(now, s) {
+        let judged = self.fix(now, s, switched);
+        if let Err(fault) = judged {
+            self.core.integrity.bad(now, fault);
+        }
+        let trusted = self.core.integrity.trusted();
+        receivers::charge(&mut self.core, now, s.receiver, judged, trusted);
+        match judged {
             Ok(()) => Verdict::Used,
             Err(fault) => {
-                self.core.integrity.bad(now, fault);
                 self.sources.gnss.latency.interrupt();
                 Verdict::Rejected(Reason::Gnss(fault))
             }
         }
     }
 
-    fn fix(&mut self, now: AutopilotTime, s: &GnssSample) -> Result<(), GnssFault> {
+    /// A fix of the receiver in use; `switched`: only now, for the other lied.
+    fn fix(&mut self, now: AutopilotTime, s: &GnssSample, switched: bool) -> Result<(), GnssFault> {
         self.core.integrity.admit(s)?;
         let position = s.position.ok_or(GnssFault::NoFix)?;
         self.sources.gnss.had_fix(s);
-        if self.core.surroundings.environment().is_some() && !self.core.surroundings.placed() {
-            relative::place(&mut self.core, now, &position);
-        }
+        self.place_at(now, &position);
         let Some(environment) = self.core.surroundings.environment() else {
             self.core.settle(now, position);
             return Ok(());
@@ -169,25 +182,40 @@ impl Navigator {
         let regained = self.judge(now, &reading)?;
         self.sources.gnss.accepted(&reading);
         match self.core.mode {
-            Mode::Holdover | Mode::Lost if regained => self.rejoin(now, &reading),
-            Mode::Holdover | Mode::Lost => return Ok(()),
-            Mode::Aligning | Mode::Aided | Mode::Rejoining => self.take_fix(now, &reading),
+            // Where another receiver has led the estimate astray it is not led back by small corrections.
+            mode if regained && mode != Mode::Aligning && (self.core.dead_reckoning() || switched) => {
+                self.rejoin(now, &reading);
+            }
+            _ if self.core.dead_reckoning() => return Ok(()),
+            _ => self.take_fix(now, &reading),
         }
         self.learn_gnss_latency(&reading);
+        self.take_fix_height(now, &reading);
+        Ok(())
+    }
+
+    /// The first fix tells where navigation that began without any has begun.
+    fn place_at(&mut self, now: AutopilotTime, position: &Geodetic) {
+        if self.core.surroundings.environment().is_some() && !self.core.surroundings.placed() {
+            relative::place(&mut self.core, now, position);
+        }
+    }
+
+    fn take_fix_height(&mut self, now: AutopilotTime, reading: &FixReading) {
         let height = HeightReading {
             channel: Channel::Gnss,
             height_m: -reading.position_ned.z,
             sigma_m: Some(reading.vertical_sigma_m),
-            age_s: now.seconds_since(measured),
+            age_s: now.seconds_since(reading.measured),
         };
         self.take_height(now, &height);
-        Ok(())
     }
 
     /// What the monitor says of a fix; whether GNSS is trusted again by it.
     fn judge(&mut self, now: AutopilotTime, reading: &FixReading) -> Result<bool, GnssFault> {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let expected = (self.core.mode != Mode::Aligning).then(|| expectation(reading, &context));
+        receivers::hear_flow(&mut self.core, &mut self.sources, reading)?;
         let core = &mut self.core;
         let position_ne = reading.position_ned.xy();
         let judged = core.integrity.judge(reading.measured, position_ne, reading.velocity_ne, expected);
@@ -356,6 +384,9 @@ impl Navigator {
             return Verdict::Rejected(reason);
         }
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
+        let gnss = &mut self.sources.gnss;
+        let doubted = gnss.witness.doubts() || self.core.dead_reckoning();
+        self.sources.flow.testify(&measured, index, &mut gnss.travel, doubted, &context);
         let taken = match self.core.mode {
             Mode::Aligning => {
                 self.sources.flow.hold_direction(&measured, index, &context);

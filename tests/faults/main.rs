@@ -10,3 +10,4 @@
 mod command;
 
 mod by_command;
+mod gnss;

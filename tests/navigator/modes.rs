@@ -164,7 +164,8 @@ fn with_gnss_the_state_is_known() {
                 .to_degrees();
             assert!(
                 p < 0.6 && v < 0.3 && h < 0.5 && a < attitude_deg,
-                "seed {seed}: {p} m {v} m/s {h} m {a} deg"
+                "seed {seed}: {p} m {v} m/s {h} m {a} deg {:?}",
+                log.events
             );
         }
     }

@@ -33,12 +33,6 @@ section! {
         min_position_gate_m: f64 = 5.0 in 0.1 ..= 1000.0 was "gnss.min_position_gate_m";
         /// No deviation below this is a jump of the velocity.
         min_velocity_gate_mps: f64 = 3.0 in 0.1 ..= 100.0 was "gnss.min_velocity_gate_mps";
-        /// Over this time the positions must move as the velocities say.
-        consistency_window_s: f64 = 15.0 in 2.0 ..= 60.0 was "gnss.consistency_window_s";
-        /// They may differ by this distance over that time …
-        consistency_limit_m: f64 = 6.0 in 0.5 ..= 1000.0 was "gnss.consistency_limit_m";
-        /// … and by this much more a second of it.
-        consistency_rate_mps: f64 = 0.2 in 0.0 ..= 10.0 was "gnss.consistency_rate_mps";
         /// Horizontal noise of a fix that claims no accuracy.
         default_accuracy_m: f64 = 1.5 in 0.01 ..= 100.0 was "gnss.default_accuracy_m";
     }
@@ -59,9 +53,6 @@ impl GnssKeys {
                 gate_sigma: tuning.gate_sigma,
                 min_position_gate_m: tuning.min_position_gate_m,
                 min_velocity_gate_mps: tuning.min_velocity_gate_mps,
-                consistency_window_s: tuning.consistency_window_s,
-                consistency_limit_m: tuning.consistency_limit_m,
-                consistency_rate_mps: tuning.consistency_rate_mps,
             },
         }
     }

@@ -2,18 +2,25 @@
 //!
 //! A receiver shows its loss in many ways (fix type 0 with the old position, zeros at 1 Hz, silence), and a lying one says that all
 //! is well. So a fix has to be a fix, to be as accurate as it must, to lie where the inertial prediction of the last tenths of a second
-//! expects it, and its positions have to move as its own velocities say. Loss is declared after a time without a good fix; it is
-//! not declared good again before a time of good ones.
+//! expects it, its positions have to move as its own velocities say, and its velocities as the optical flow does. Loss is declared after a
+//! time without a good fix, or at once where the fault leaves no doubt; it is not declared good again before a time of good ones, which
+//! is the longer the more often GNSS has come and gone.
+//!
+//! Who was displaced, by a jump or a walk, is good again where it lies as its velocities lead from where it was while it was sound, or where
+//! the dead reckoning no longer knows better; by standing where it is alone it never is, as long as something carries that does.
 
 use nalgebra::Vector2;
 use strum::VariantArray;
 
-use crate::sample::{GnssFix, GnssSample};
+use crate::sample::{GnssFix, GnssSample, GnssWarning};
 use crate::time::{AutopilotTime, Span};
 
 use super::super::reset::Reset;
+use super::doppler_track::{DopplerTrack, TrackMotion};
+use super::frozen_fixes::FrozenFixes;
 use crate::navigator::tuning::gnss_integrity::{
-    INTERVAL_GAIN, MISSING_FIXES, NORMAL_GAIN, SLOWEST_S, TRACK_HOLE_S, TRACK_LEN,
+    BACK_OFF, FREE_FLAPS, INTERVAL_GAIN, MISSING_FIXES, MOST_BACK_OFF, NORMAL_GAIN, REPLACED_S, SLOWEST_S,
+    STEADY_S, TRACK_HOLE_S,
 };
 
 /// Limits.
@@ -35,12 +42,6 @@ pub struct TrustSettings {
     pub min_position_gate_m: f64,
     /// Least gate for the velocity, m/s.
     pub min_velocity_gate_mps: f64,
-    /// Time over which positions are compared with the integral of the velocities, s.
-    pub consistency_window_s: f64,
-    /// Disagreement that a healthy receiver may show over that time, m …
-    pub consistency_limit_m: f64,
-    /// … and per second of it, m/s.
-    pub consistency_rate_mps: f64,
 }
 
 /// Why a fix was not used, or GNSS is lost.
@@ -69,6 +70,21 @@ pub enum GnssFault {
     /// The positions do not move as the velocities say.
     #[strum(serialize = "position contradicts velocity")]
     Inconsistent,
+    /// Position and velocity walk off together from what the optical flow shows.
+    #[strum(serialize = "walks off from flow")]
+    ContradictsFlow,
+    /// Position and velocity stay exactly the same while the vehicle moves.
+    #[strum(serialize = "frozen")]
+    Frozen,
+    /// The receiver says that its signals are spoofed.
+    #[strum(serialize = "spoofed")]
+    Spoofed,
+    /// The receiver says that its signals are jammed.
+    #[strum(serialize = "jammed")]
+    Jammed,
+    /// The receiver says that its signals contradict each other.
+    #[strum(serialize = "signals inconsistent")]
+    SignalsInconsistent,
     /// Older than what is remembered, or from the future.
     #[strum(serialize = "untimely")]
     Untimely,
@@ -84,6 +100,12 @@ impl GnssFault {
     /// A few words for logs, tables and STATUSTEXT.
     pub fn reason(self) -> &'static str {
         self.into()
+    }
+
+    /// One fix of it is enough: it was found over a time, or is the receiver's own word.
+    pub const fn is_certain(self) -> bool {
+        use GnssFault::{ContradictsFlow, Frozen, Inconsistent, Jammed, SignalsInconsistent, Spoofed};
+        matches!(self, Inconsistent | ContradictsFlow | Frozen | Spoofed | Jammed | SignalsInconsistent)
     }
 }
 
@@ -107,35 +129,26 @@ pub struct FixInnovation {
     pub position_sigma_m: f64,
     /// The same for the velocity, m/s.
     pub velocity_sigma_mps: f64,
+    /// What the position may have drifted by since GNSS was lost, 1 sigma, m: of a jump, this explains some.
+    pub drift_sigma_m: f64,
+    /// Another receiver is navigated on, and trusted.
+    pub aided: bool,
+    /// A camera tells the velocity, or landmarks the place.
+    pub carried: bool,
+    /// Its speed, m/s.
+    pub speed_mps: f64,
 }
 
 /// What a fix that passed the tests is worth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Standing {
     /// Where it was expected.
     Near,
     /// Sound in itself, but further away than the uncertainty explains. Only while GNSS is not trusted: then it may be the
     /// dead reckoning that is wrong, which time will tell.
     Far,
-}
-
-/// How the positions moved, by the velocities.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum TrackMotion {
-    Consistent,
-    /// One fix jumped.
-    Stepped,
-    /// Over the window they ran away.
-    RanAway,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Track {
-    time: AutopilotTime,
-    position_ne: Vector2<f64>,
-    /// ∫v dt, m.
-    travelled_ne: Vector2<f64>,
-    velocity_ne: Vector2<f64>,
+    /// It was displaced, and what carries knows better: time alone tells nothing.
+    Displaced,
 }
 
 /// Judges one receiver.
@@ -147,17 +160,17 @@ pub struct GnssIntegrity {
     ever_good: bool,
     good_since: Option<AutopilotTime>,
     last_bad: Option<(AutopilotTime, GnssFault)>,
-    lost_by: GnssFault,
-    track: Vec<Track>,
-    oldest: usize,
-    run_away_ne: Vector2<f64>,
+    track: DopplerTrack,
+    frozen: FrozenFixes,
+    walked_ne: Vector2<f64>,
     height_faulty: bool,
-    /// Mean square of the step from fix to fix beyond the velocity's, m²: what this receiver normally shows.
-    position_ms: f64,
     /// Mean square velocity innovation of good fixes, m²/s².
     velocity_ms: f64,
     /// Mean time between two good fixes, s.
     interval_s: f64,
+    /// How often it was lost soon after it had come back.
+    flaps: u32,
+    trusted_since: Option<AutopilotTime>,
 }
 
 impl GnssIntegrity {
@@ -170,14 +183,14 @@ impl GnssIntegrity {
             ever_good: false,
             good_since: None,
             last_bad: None,
-            lost_by: GnssFault::Silence,
-            track: Vec::with_capacity(TRACK_LEN),
-            oldest: 0,
-            run_away_ne: Vector2::zeros(),
+            track: DopplerTrack::new(),
+            frozen: FrozenFixes::default(),
+            walked_ne: Vector2::zeros(),
             height_faulty: false,
-            position_ms: 0.25,
             velocity_ms: 0.1,
             interval_s: 0.0,
+            flaps: 0,
+            trusted_since: None,
         }
     }
 
@@ -207,6 +220,12 @@ impl GnssIntegrity {
     /// The fault.
     pub fn admit(&self, fix: &GnssSample) -> Result<(), GnssFault> {
         let s = &self.settings;
+        match fix.warning {
+            Some(GnssWarning::Spoofed) => return Err(GnssFault::Spoofed),
+            Some(GnssWarning::Jammed) => return Err(GnssFault::Jammed),
+            Some(GnssWarning::Inconsistent) => return Err(GnssFault::SignalsInconsistent),
+            None => {}
+        }
         if fix.fix < GnssFix::ThreeD || fix.position.is_none() {
             return Err(GnssFault::NoFix);
         }
@@ -231,39 +250,53 @@ impl GnssIntegrity {
         velocity_ne: Option<Vector2<f64>>,
         innovation: Option<FixInnovation>,
     ) -> Result<Standing, GnssFault> {
-        let s = self.settings;
         let motion = velocity_ne.map_or(TrackMotion::Consistent, |v| self.follow(time, position_ne, v));
-        if motion == TrackMotion::Stepped {
-            return Err(GnssFault::PositionJump);
-        }
-        let Some(i) = innovation else {
-            return if motion == TrackMotion::RanAway {
-                Err(GnssFault::Inconsistent)
-            } else {
-                Ok(Standing::Near)
-            };
-        };
-        let velocity_sigma = self.velocity_ms.sqrt().hypot(i.velocity_sigma_mps);
-        let jumped = i.position_m > self.position_gate(i.position_sigma_m);
-        let surged = i.velocity_mps.is_some_and(|v| {
-            v > (s.gate_sigma * velocity_sigma).max(s.min_velocity_gate_mps) * self.caution()
-        });
-        if self.trusted() && jumped {
-            return Err(GnssFault::PositionJump);
+        let speed_mps = innovation.map_or(0.0, |i| i.speed_mps);
+        if self.frozen.repeats(time, position_ne, velocity_ne, speed_mps) {
+            // What it repeats leads nowhere.
+            self.track.forget();
+            return Err(GnssFault::Frozen);
         }
         if motion == TrackMotion::RanAway {
+            self.walked_ne = self.track.run_away();
             return Err(GnssFault::Inconsistent);
         }
-        if !self.trusted() {
-            return Ok(if jumped || surged { Standing::Far } else { Standing::Near });
+        if motion == TrackMotion::Stepped || self.trusted() && self.track.displaced().is_some() {
+            return Err(GnssFault::PositionJump);
         }
-        if surged {
+        let Some(i) = innovation else { return Ok(Standing::Near) };
+        if self.trusted() { self.expected(&i, velocity_ne.is_some()) } else { Ok(self.standing(&i)) }
+    }
+
+    /// A fix of a receiver that is trusted, against its prediction. Where its velocities lead there, `led`, no jump has brought it.
+    fn expected(&mut self, i: &FixInnovation, led: bool) -> Result<Standing, GnssFault> {
+        if !led && i.position_m > self.position_gate(i.position_sigma_m) {
+            return Err(GnssFault::PositionJump);
+        }
+        if i.velocity_mps.is_some_and(|v| v > self.velocity_gate(i.velocity_sigma_mps)) {
             return Err(GnssFault::VelocityJump);
         }
         if let Some(v) = i.velocity_mps {
             self.velocity_ms += NORMAL_GAIN * ((v * v).min(4.0) - self.velocity_ms);
         }
         Ok(Standing::Near)
+    }
+
+    /// What a fix is worth that may end an outage.
+    fn standing(&self, i: &FixInnovation) -> Standing {
+        if !i.aided
+            && let Some((displaced_m, wander_m)) = self.track.displaced()
+            && !self.track.resumes()
+        {
+            let known = displaced_m / i.drift_sigma_m.hypot(wander_m).max(1e-3);
+            if known > 1.0 {
+                return if i.carried { Standing::Displaced } else { Standing::Far };
+            }
+        }
+        let position = i.position_m / self.position_gate(i.position_sigma_m);
+        let velocity = i.velocity_mps.map_or(0.0, |v| v / self.velocity_gate(i.velocity_sigma_mps));
+        let away = position.max(velocity);
+        if away > 1.0 && !self.track.resumes() { Standing::Far } else { Standing::Near }
     }
 
     /// Factor on the limits.
@@ -273,8 +306,14 @@ impl GnssIntegrity {
 
     /// What lies further off is a jump: many times what this receiver normally shows, and what the prediction may be wrong.
     fn position_gate(&self, prediction_sigma_m: f64) -> f64 {
-        let sigma = self.position_ms.sqrt().hypot(prediction_sigma_m);
+        let sigma = (2.0 * self.track.step_variance()).sqrt().hypot(prediction_sigma_m);
         (self.settings.gate_sigma * sigma).max(self.settings.min_position_gate_m) * self.caution()
+    }
+
+    /// The same for the velocity, m/s.
+    fn velocity_gate(&self, prediction_sigma_mps: f64) -> f64 {
+        let sigma = self.velocity_ms.sqrt().hypot(prediction_sigma_mps);
+        (self.settings.gate_sigma * sigma).max(self.settings.min_velocity_gate_mps) * self.caution()
     }
 
     /// Notes that a fix passed every test. True when GNSS became trusted by it.
@@ -286,25 +325,51 @@ impl GnssIntegrity {
             let gain = if self.interval_s > 0.0 { INTERVAL_GAIN } else { 1.0 };
             self.interval_s += gain * (dt - self.interval_s);
         }
-        let needed = match (standing, self.lost_by) {
-            (Standing::Far, _) => self.settings.recover_far_s,
-            _ if self.height_faulty => self.settings.recover_far_s,
-            // Who lied slowly has to be watched for as long as a slow lie takes to show.
-            (_, GnssFault::Inconsistent) => self.settings.recover_s.max(self.settings.consistency_window_s),
-            _ => self.settings.recover_s,
-        };
-        if self.state == GnssState::Trusted || time.seconds_since(since) < needed {
+        if self.state == GnssState::Trusted {
+            if self.trusted_since.is_some_and(|t| time.seconds_since(t) > STEADY_S) {
+                self.flaps = 0;
+            }
+            return false;
+        }
+        if time.seconds_since(since) < self.needed_s(standing) {
             return false;
         }
         self.state = GnssState::Trusted;
+        self.trusted_since = Some(time);
+        self.track.accept();
         true
+    }
+
+    /// For how long fixes of this standing have to come before they are trusted, s.
+    fn needed_s(&self, standing: Standing) -> f64 {
+        let s = &self.settings;
+        let soon =
+            s.recover_s * BACK_OFF.powi(self.flaps.saturating_sub(FREE_FLAPS).min(MOST_BACK_OFF) as i32);
+        let late = s.recover_far_s.max(soon);
+        match standing {
+            Standing::Displaced => f64::INFINITY,
+            Standing::Far => late,
+            Standing::Near if self.height_faulty => late,
+            Standing::Near => soon,
+        }
     }
 
     /// Notes a fix that failed a test, and its time. True when GNSS is lost by it.
     pub fn bad(&mut self, now: AutopilotTime, fault: GnssFault) -> bool {
         self.last_bad = Some((now, fault));
         self.good_since = None;
-        self.check(now)
+        if fault.is_certain() && self.trusted() { self.lose(now, fault) } else { self.check(now) }
+    }
+
+    fn lose(&mut self, now: AutopilotTime, fault: GnssFault) -> bool {
+        let was = self.trusted();
+        // A silence is a matter of the link.
+        let comes_and_goes = was && !matches!(fault, GnssFault::Silence | GnssFault::Masked);
+        if comes_and_goes && self.trusted_since.take().is_some_and(|t| now.seconds_since(t) < STEADY_S) {
+            self.flaps += 1;
+        }
+        self.state = GnssState::Untrusted(fault);
+        was
     }
 
     /// No good fix for this long is a loss, s: as configured, but for a receiver so slow that a fix or two may be missing.
@@ -324,12 +389,23 @@ impl GnssIntegrity {
             Some((t, fault)) if now.seconds_since(t) < loss_s => fault,
             _ => GnssFault::Silence,
         };
-        let was = self.trusted();
-        if was {
-            self.lost_by = fault;
+        self.lose(now, fault)
+    }
+
+    /// Whether it is not trusted, or about to be lost: its fixes have not passed for longer than one may be missing.
+    pub(in super::super) fn fails(&self, now: AutopilotTime) -> bool {
+        let quiet = self.last_good.map_or(f64::INFINITY, |t| now.seconds_since(t));
+        !self.trusted() || quiet > REPLACED_S.max(MISSING_FIXES * self.interval_s)
+    }
+
+    /// The other receiver takes the place of this one, with all that is known of it. It is trusted with its next fix, if it was.
+    pub(in super::super) fn take_over(&mut self, other: &mut Self) {
+        std::mem::swap(self, other);
+        self.ever_good |= other.ever_good;
+        self.height_faulty = false;
+        if self.trusted() {
+            self.state = GnssState::Untrusted(GnssFault::Silence);
         }
-        self.state = GnssState::Untrusted(fault);
-        was
     }
 
     /// What it was blamed for was somebody else's fault.
@@ -348,9 +424,14 @@ impl GnssIntegrity {
         }
     }
 
-    /// How far the positions have run away from the velocities over the window, NE, m: what a slow lie has added so far.
-    pub fn run_away(&self) -> Vector2<f64> {
-        self.run_away_ne
+    /// How far a slow lie has led so far, NE, m.
+    pub fn walked(&self) -> Vector2<f64> {
+        self.walked_ne
+    }
+
+    /// Another witness has found that it walks off, and has walked so far, NE, m.
+    pub fn walks(&mut self, walked_ne: Vector2<f64>) {
+        self.walked_ne = walked_ne;
     }
 
     /// The height of the fixes is declared faulty, or is not any more. A receiver that is wrong about one axis is trusted less about the
@@ -368,16 +449,9 @@ impl GnssIntegrity {
         }
     }
 
-    /// Forgets the track: what comes is not comparable with it (another receiver).
+    /// Forgets the track: what comes is not comparable with it (another receiver, another origin).
     pub fn forget_track(&mut self) {
-        self.track.clear();
-        self.oldest = 0;
-        self.run_away_ne = Vector2::zeros();
-    }
-
-    fn newest(&self) -> Option<&Track> {
-        let n = self.track.len();
-        if n < TRACK_LEN { self.track.last() } else { self.track.get((self.oldest + n - 1) % n) }
+        self.track.forget();
     }
 
     /// Adds a fix to the track and says whether positions and velocities still agree.
@@ -387,190 +461,10 @@ impl GnssIntegrity {
         position_ne: Vector2<f64>,
         velocity_ne: Vector2<f64>,
     ) -> TrackMotion {
-        let s = self.settings;
-        let mut stepped = false;
-        let travelled_ne = match self.newest() {
-            Some(last) => {
-                let dt = time.seconds_since(last.time);
-                if !(0.0..=TRACK_HOLE_S.max(self.loss_s())).contains(&dt) {
-                    self.forget_track();
-                    Vector2::zeros()
-                } else {
-                    let moved = (last.velocity_ne + velocity_ne) * (0.5 * dt);
-                    let travelled = last.travelled_ne + moved;
-                    let step = (position_ne - last.position_ne - moved).norm();
-                    stepped = step > self.position_gate(0.0);
-                    if !stepped {
-                        self.position_ms += NORMAL_GAIN * (step * step - self.position_ms);
-                    }
-                    if stepped {
-                        // Positions before and after a step are not comparable.
-                        self.forget_track();
-                    }
-                    travelled
-                }
-            }
-            None => Vector2::zeros(),
-        };
-        let entry = Track { time, position_ne, travelled_ne, velocity_ne };
-        if self.track.len() < TRACK_LEN {
-            self.track.push(entry);
-        } else {
-            self.track[self.oldest] = entry;
-            self.oldest = (self.oldest + 1) % TRACK_LEN;
-        }
-        let n = self.track.len();
-        // The oldest entry within the window.
-        let mut from = entry;
-        for i in 0..n {
-            let candidate = self.track[(self.oldest + i) % n];
-            if time.seconds_since(candidate.time) <= s.consistency_window_s {
-                from = candidate;
-                break;
-            }
-        }
-        let window = time.seconds_since(from.time);
-        self.run_away_ne = (position_ne - from.position_ne) - (travelled_ne - from.travelled_ne);
-        // Receivers filter position and velocity differently: some tenths of a second of the change of velocity are no lie.
-        let slack = 0.25 * (velocity_ne - from.velocity_ne).norm();
-        if stepped {
-            TrackMotion::Stepped
-        } else if self.run_away_ne.norm() > s.consistency_limit_m + s.consistency_rate_mps * window + slack {
-            TrackMotion::RanAway
-        } else {
-            TrackMotion::Consistent
-        }
+        let hole_s = TRACK_HOLE_S.max(self.loss_s());
+        self.track.follow(time, position_ne, velocity_ne, hole_s, self.trusted())
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn settings() -> TrustSettings {
-        TrustSettings {
-            loss_s: 1.0,
-            recover_s: 3.0,
-            recover_far_s: 10.0,
-            min_satellites: 5,
-            max_horizontal_accuracy_m: 10.0,
-            gate_sigma: 5.0,
-            min_position_gate_m: 4.0,
-            min_velocity_gate_mps: 2.0,
-            consistency_window_s: 15.0,
-            consistency_limit_m: 4.0,
-            consistency_rate_mps: 0.15,
-        }
-    }
-
-    fn at(s: f64) -> AutopilotTime {
-        AutopilotTime::from_micros((s * 1e6) as i64)
-    }
-
-    fn near() -> Option<FixInnovation> {
-        Some(FixInnovation {
-            position_m: 0.3,
-            velocity_mps: Some(0.1),
-            position_sigma_m: 0.1,
-            velocity_sigma_mps: 0.1,
-        })
-    }
-
-    fn trusted_after(seconds: f64) -> GnssIntegrity {
-        let mut t = GnssIntegrity::new(settings());
-        let mut time = 0.0;
-        while time < seconds {
-            let v = Vector2::new(3.0, 0.0);
-            assert_eq!(t.judge(at(time), v * time, Some(v), near()), Ok(Standing::Near));
-            t.good(at(time), Standing::Near);
-            time += 0.2;
-        }
-        t
-    }
-
-    #[test]
-    fn trust_takes_time_and_silence_ends_it() {
-        let mut t = trusted_after(2.0);
-        assert!(!t.trusted());
-        t = trusted_after(4.0);
-        assert!(t.trusted());
-        assert!(!t.check(at(4.5)));
-        assert!(t.check(at(5.2)));
-        assert_eq!(t.state(), GnssState::Untrusted(GnssFault::Silence));
-    }
-
-    #[test]
-    fn a_jump_is_rejected_and_then_declared() {
-        let mut t = trusted_after(10.0);
-        let far = Some(FixInnovation {
-            position_m: 40.0,
-            velocity_mps: Some(0.1),
-            position_sigma_m: 0.2,
-            velocity_sigma_mps: 0.1,
-        });
-        let v = Vector2::new(3.0, 0.0);
-        let mut lost_at = None;
-        for k in 0..60 {
-            let time = 10.0 + 0.2 * f64::from(k);
-            let verdict = t.judge(at(time), v * time + Vector2::new(40.0, 0.0), Some(v), far);
-            if t.trusted() {
-                assert_eq!(verdict, Err(GnssFault::PositionJump));
-                if t.bad(at(time), GnssFault::PositionJump) {
-                    lost_at = Some(time);
-                }
-            } else {
-                // From then on it may be the dead reckoning that is wrong, but that takes long to believe.
-                assert_eq!(verdict, Ok(Standing::Far));
-                assert_eq!(t.good(at(time), Standing::Far), time > lost_at.unwrap() + 10.1);
-            }
-            if t.trusted() && lost_at.is_some() {
-                assert!(time > 20.0);
-                return;
-            }
-        }
-        panic!("never believed again");
-    }
-
-    #[test]
-    fn a_slow_walk_is_found_within_ten_seconds_and_its_size_is_known() {
-        let mut t = trusted_after(30.0);
-        let v = Vector2::new(3.0, 0.0);
-        let mut found = None;
-        for k in 0..100 {
-            let time = 30.0 + 0.2 * f64::from(k);
-            let walked = Vector2::new(0.0, 0.75 * (time - 30.0));
-            if t.judge(at(time), v * time + walked, Some(v), near()).is_err() {
-                found = Some((time, walked));
-                break;
-            }
-        }
-        let (time, walked) = found.unwrap();
-        assert!(time < 41.0, "{time}");
-        assert!((t.run_away() - walked).norm() < 1.0, "{} {walked}", t.run_away());
-    }
-
-    #[test]
-    fn a_fix_has_to_be_one() {
-        let t = GnssIntegrity::new(settings());
-        let mut fix = GnssSample {
-            time: at(0.0),
-            receiver: 0,
-            fix: GnssFix::ThreeD,
-            position: Some(crate::geo::Geodetic::from_degrees(47.0, 8.0, 400.0)),
-            ground_velocity: None,
-            horizontal_accuracy_m: None,
-            vertical_accuracy_m: None,
-            speed_accuracy_mps: None,
-            satellites: None,
-            warning: None,
-        };
-        assert_eq!(t.admit(&fix), Ok(()));
-        fix.satellites = Some(3);
-        assert_eq!(t.admit(&fix), Err(GnssFault::FewSatellites));
-        fix.satellites = Some(12);
-        fix.horizontal_accuracy_m = Some(35.0);
-        assert_eq!(t.admit(&fix), Err(GnssFault::Inaccurate));
-        fix.fix = GnssFix::None;
-        assert_eq!(t.admit(&fix), Err(GnssFault::NoFix));
-    }
-}
+mod tests;

@@ -1,6 +1,10 @@
 //! What is believed of GNSS, which mode follows from it, and how dead reckoning goes on.
 
 pub mod budget;
+mod doppler_track;
+pub(super) mod flow_travel;
+mod frozen_fixes;
+pub(super) mod gnss_by_flow;
 pub mod gnss_integrity;
 pub(super) mod heading_witness;
 pub(super) mod inertia_trust;
@@ -8,6 +12,7 @@ pub(super) mod inertia_witness;
 pub(super) mod mode;
 pub(super) mod outage;
 pub(super) mod plausibility;
+pub(super) mod usual;
 pub(super) mod witnesses;
 
 pub use gnss_integrity::{GnssFault, GnssState};

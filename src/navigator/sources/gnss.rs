@@ -8,13 +8,18 @@ use crate::time::{AutopilotTime, Span};
 
 use super::super::context::Context;
 use super::super::memory::ReceiverMemory;
-use super::super::monitor::gnss_integrity::{FixInnovation, GnssFault};
+use super::super::monitor::flow_travel::FlowTravel;
+use super::super::monitor::gnss_by_flow::GnssByFlow;
+use super::super::monitor::gnss_integrity::{FixInnovation, GnssFault, GnssIntegrity};
+use super::super::monitor::usual::UsualSpread;
 use super::super::reset::Reset;
 use super::super::settings::GnssSettings;
+use super::super::solution::VelocitySource;
 use super::super::timeline::CORRECTED_S;
 use super::latency::LatencyEstimator;
 use crate::navigator::tuning::gnss::{
-    CLAIM_GAIN, DOUBTFUL_MPS, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
+    AGREE_DECADES, AGREE_EVERY_S, AGREE_FIRM, AGREE_FOR_S, AGREE_M, AGREE_MEMORY, AGREE_SIGMA, CLAIM_GAIN,
+    DOUBTFUL_MPS, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
     VERTICAL_RATIO,
 };
 
@@ -37,6 +42,20 @@ pub(in super::super) struct GnssSource {
     pub(in super::super) latency: LatencyEstimator,
     /// Horizontal standard deviation as the receiver claims it of late, m.
     sigma_m: f64,
+    /// How far the flow says that it has travelled.
+    pub(in super::super) travel: FlowTravel,
+    /// And what that says of the receiver.
+    pub(in super::super) witness: GnssByFlow,
+    /// What is known of the receiver that is not listened to.
+    pub(in super::super) spare: GnssIntegrity,
+    /// Where the last fix lay from the estimate, NE, m.
+    error: Option<(AutopilotTime, Vector2<f64>)>,
+    /// How far the two are apart as a rule, and when that is looked at again.
+    agreement: UsualSpread,
+    agreement_due: Option<AutopilotTime>,
+    /// How far, while that is too far, m.
+    apart_m: f64,
+    apart_since: Option<AutopilotTime>,
 }
 
 /// A fix in the local frame, and what was expected of it.
@@ -58,7 +77,7 @@ pub(in super::super) struct FixReading {
     pub(in super::super) claimed_m: f64,
     pub(in super::super) vertical_sigma_m: f64,
     /// Of the speed, as claimed, m/s.
-    speed_claimed_mps: Option<f64>,
+    pub(in super::super) speed_claimed_mps: Option<f64>,
 }
 
 impl FixReading {
@@ -80,12 +99,20 @@ impl GnssSource {
             heard: None,
             latency: LatencyEstimator::new(settings.delay_s, settings.delay_sigma_s),
             sigma_m: settings.default_accuracy_m,
+            travel: FlowTravel::new(),
+            witness: GnssByFlow::new(),
+            spare: GnssIntegrity::new(settings.trust),
+            error: None,
+            agreement: UsualSpread::expecting(AGREE_M * AGREE_M, AGREE_FIRM),
+            agreement_due: None,
+            apart_m: 0.0,
+            apart_since: None,
         }
     }
 
     /// Horizontal standard deviation, m.
     pub(super) fn sigma_m(&self) -> f64 {
-        self.sigma_m
+        self.sigma_m.hypot(0.5 * self.apart_m)
     }
 
     /// The receiver that is listened to.
@@ -102,9 +129,46 @@ impl GnssSource {
         if !silent || s.fix < GnssFix::ThreeD {
             return ReceiverChoice::Redundant;
         }
-        self.receiver = s.receiver;
-        self.latency.interrupt();
+        self.use_receiver(s.receiver);
         ReceiverChoice::Another
+    }
+
+    /// Another receiver is listened to from now on.
+    pub(in super::super) fn use_receiver(&mut self, receiver: u8) {
+        self.receiver = receiver;
+        self.latency.interrupt();
+        self.witness.acquit();
+        self.error = None;
+        (self.apart_m, self.apart_since) = (0.0, None);
+    }
+
+    /// Whether the two receivers are too far apart at present.
+    pub(in super::super) fn disagrees(&self) -> bool {
+        self.apart_m > 0.0
+    }
+
+    /// Whether a fix of the other receiver and the last of this one are further apart than is usual; `None` where they cannot be compared.
+    pub(in super::super) fn compare(&mut self, spare: &FixReading) -> Option<bool> {
+        let (time, error) = self.error?;
+        let late = spare.measured.seconds_since(time).abs() > RECEIVER_SILENCE_S;
+        if late || self.witness.doubts() {
+            return None;
+        }
+        let apart_m = (spare.position_error - error).norm();
+        let claimed = self.sigma_m.hypot(spare.claimed_m);
+        let limit = self.agreement.limit(AGREE_DECADES).sqrt().max(AGREE_SIGMA * claimed);
+        let disagree = apart_m > limit * if self.apart_m > 0.0 { 0.5 } else { 1.0 };
+        self.apart_m = if disagree { apart_m } else { 0.0 };
+        let since = disagree.then(|| self.apart_since.unwrap_or(spare.measured));
+        self.apart_since = since;
+        if since.is_some_and(|t| spare.measured.seconds_since(t) < AGREE_FOR_S) {
+            return None;
+        }
+        if !disagree && self.agreement_due.is_none_or(|due| spare.measured >= due) {
+            self.agreement.learn(apart_m * apart_m, AGREE_MEMORY);
+            self.agreement_due = Some(spare.measured + Span::from_seconds(AGREE_EVERY_S));
+        }
+        Some(disagree)
     }
 
     /// It had a fix.
@@ -164,6 +228,7 @@ impl GnssSource {
     /// The fix passed every test: what it claims is what the receiver is worth.
     pub(in super::super) fn accepted(&mut self, reading: &FixReading) {
         self.sigma_m += CLAIM_GAIN * (reading.claimed_m - self.sigma_m);
+        self.error = Some((reading.measured, reading.position_error));
     }
 
     /// What was learned of the receiver.
@@ -189,6 +254,10 @@ impl GnssSource {
         if reset.breaks_motion() || *reset == Reset::Bridged {
             self.latency.interrupt();
         }
+        self.spare.reset(reset);
+        self.witness.interrupt();
+        self.travel.interrupt();
+        self.error = None;
         if reset.sets_clock_back() {
             self.heard = None;
         }
@@ -221,23 +290,32 @@ fn errors(
 /// How far the fix lies from what was expected, and how well that was known.
 pub(in super::super) fn expectation(reading: &FixReading, context: &Context<'_>) -> FixInnovation {
     let (core, facts) = (context.core, &context.facts);
-    let (mut position_sigma_m, mut velocity_sigma_mps) = (0.0, 0.0);
-    if let Some((_, v)) = core.estimator.estimate() {
-        position_sigma_m = v.xy().norm() * LATENCY_JITTER_S;
-        // With GNSS the receiver's own wander is what is expected; but after a hole in the stream the doubt is ours.
-        let doubtful = core.estimator.speed_sigma().is_some_and(|sigma| sigma > DOUBTFUL_MPS);
-        if core.dead_reckoning() || doubtful {
-            let (p, v) = core.covariances(facts);
-            position_sigma_m = (p[(0, 0)] + p[(1, 1)]).max(0.0).sqrt().hypot(position_sigma_m);
-            velocity_sigma_mps = (v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt();
-        }
-    }
-    FixInnovation {
+    let mut expected = FixInnovation {
         position_m: reading.position_error.norm(),
         velocity_mps: reading.velocity_error.map(|e| e.norm()),
-        position_sigma_m,
-        velocity_sigma_mps,
+        position_sigma_m: 0.0,
+        velocity_sigma_mps: 0.0,
+        drift_sigma_m: 0.0,
+        aided: core.integrity.trusted() && !core.dead_reckoning(),
+        carried: matches!(core.outage.source(), VelocitySource::Flow | VelocitySource::Landmarks),
+        speed_mps: 0.0,
+    };
+    let Some((_, v)) = core.estimator.estimate() else { return expected };
+    expected.speed_mps = v.xy().norm();
+    expected.position_sigma_m = expected.speed_mps * LATENCY_JITTER_S;
+    let acceleration = core.timeline.acceleration(reading.measured).map_or(0.0, |a| a.xy().norm());
+    expected.velocity_sigma_mps = acceleration * LATENCY_JITTER_S;
+    // With GNSS the receiver's own wander is what is expected; but after a hole in the stream the doubt is ours.
+    let doubtful = core.estimator.speed_sigma().is_some_and(|sigma| sigma > DOUBTFUL_MPS);
+    if core.dead_reckoning() || doubtful {
+        let (p, v) = core.covariances(facts);
+        let position = (p[(0, 0)] + p[(1, 1)]).max(0.0);
+        expected.position_sigma_m = position.sqrt().hypot(expected.position_sigma_m);
+        expected.velocity_sigma_mps =
+            (v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt().hypot(expected.velocity_sigma_mps);
+        expected.drift_sigma_m = (position - 2.0 * facts.gnss_sigma_m.powi(2)).max(0.0).sqrt();
     }
+    expected
 }
 
 /// North and east, if both are there.

@@ -90,6 +90,7 @@ impl SourceSet {
             resting: self.standstill.resting(),
             airspeed_used: self.airspeed.used(),
             drag_used: self.drag.used(),
+            gnss_receiver: self.gnss.receiver(),
             gnss_sigma_m: self.gnss.sigma_m(),
             gnss_latency_sigma_s: self.gnss.latency.sigma_s(),
             landmark_fix: self.landmarks.as_ref().and_then(landmarks::LandmarkSource::fix),

@@ -59,8 +59,6 @@ pub(in crate::navigator) mod budget {
 
 /// What GNSS is believed.
 pub(in crate::navigator) mod gnss_integrity {
-    /// Fixes remembered for the consistency test (15 s at 8 Hz).
-    pub(in crate::navigator) const TRACK_LEN: usize = 128;
     /// A hole in the fixes longer than this ends the comparison of positions with velocities, s.
     pub(in crate::navigator) const TRACK_HOLE_S: f64 = 1.0;
     /// Fixes further apart are no rate but a hole, s; the gain of the running mean interval; a receiver is lost after so many intervals.
@@ -69,6 +67,112 @@ pub(in crate::navigator) mod gnss_integrity {
     pub(in crate::navigator) const MISSING_FIXES: f64 = 2.5;
     /// Gain of the running mean squares: some 50 fixes.
     pub(in crate::navigator) const NORMAL_GAIN: f64 = 0.02;
+    /// Another receiver takes over when the fixes of the one in use have not passed for this long, s.
+    pub(in crate::navigator) const REPLACED_S: f64 = 0.5;
+    /// Who is lost again within this long, s, and more often than this, has to be good for so many times as long, up to so many times over.
+    pub(in crate::navigator) const FREE_FLAPS: u32 = 1;
+    pub(in crate::navigator) const STEADY_S: f64 = 30.0;
+    pub(in crate::navigator) const BACK_OFF: f64 = 1.5;
+    pub(in crate::navigator) const MOST_BACK_OFF: u32 = 4;
+}
+
+/// Positions against velocities.
+pub(in crate::navigator) mod doppler_track {
+    /// They are compared over these lengths of time, s.
+    pub(in crate::navigator) const WINDOWS_S: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
+    /// One fix in this long is remembered, s, and so many of them: four minutes.
+    pub(in crate::navigator) const MARK_S: f64 = 0.9;
+    pub(in crate::navigator) const MARKS: usize = 256;
+    /// What a receiver is expected to wander by before it has shown it, m, and m/s, and how firmly (as so many observations would show it);
+    /// the last so many count.
+    pub(in crate::navigator) const WANDER_M: f64 = 0.4;
+    pub(in crate::navigator) const DRIFT_MPS: f64 = 0.08;
+    pub(in crate::navigator) const FIRM: f64 = 6.0;
+    pub(in crate::navigator) const MEMORY: f64 = 60.0;
+    /// Beyond what would happen once in 10^7 windows it is a fault: multipath has longer tails than a normal distribution.
+    pub(in crate::navigator) const DECADES: f64 = 7.0;
+    /// Receivers filter position and velocity differently: so many seconds of the change of the velocity are no lie.
+    pub(in crate::navigator) const SLACK_S: f64 = 0.25;
+    /// And their latency varies by this much, s: of the greatest change of the velocity since.
+    pub(in crate::navigator) const JITTER_S: f64 = 0.1;
+    /// The same from fix to fix: what is expected, m; how many count; and below this it is no step, m: multipath comes and goes.
+    pub(in crate::navigator) const STEP_SIGMA_M: f64 = 0.5;
+    pub(in crate::navigator) const STEP_MEMORY: f64 = 100.0;
+    pub(in crate::navigator) const LEAST_STEP_M: f64 = 3.0;
+    /// No walk is told that is shorter, m, and slower, m/s: multipath and the bias of the velocity come and go in any receiver.
+    pub(in crate::navigator) const LEAST_WALK_M: f64 = 4.5;
+    pub(in crate::navigator) const LEAST_WALK_MPS: f64 = 0.1;
+    /// A receiver is back where so many marks in a row that are this old, s, lead to it.
+    pub(in crate::navigator) const MATCHES: u32 = 3;
+    pub(in crate::navigator) const SETTLE_S: f64 = 3.0;
+    /// … and so many times nearer than those from just before.
+    pub(in crate::navigator) const DISTINCT: f64 = 3.0;
+}
+
+/// Fixes that repeat themselves.
+pub(in crate::navigator) mod frozen_fixes {
+    /// A vehicle moves beyond this, m/s.
+    pub(in crate::navigator) const MOVES_MPS: f64 = 1.0;
+    /// So many repetitions over this long are no chance, s.
+    pub(in crate::navigator) const FIXES: u32 = 2;
+    pub(in crate::navigator) const FROZEN_S: f64 = 0.9;
+}
+
+/// The flow's word on GNSS.
+pub(in crate::navigator) mod gnss_by_flow {
+    /// The two are compared by blocks of this, s; so many are kept; windows of so many are looked at.
+    pub(in crate::navigator) const BLOCK_S: f64 = 0.95;
+    pub(in crate::navigator) const BLOCKS: usize = 32;
+    pub(in crate::navigator) const WINDOWS: [usize; 4] = [4, 8, 16, 32];
+    /// The flow may have changed so many blocks ago.
+    pub(in crate::navigator) const ONSETS: [usize; 16] =
+        [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32];
+    /// Fixes further apart are not compared, s.
+    pub(in crate::navigator) const FIX_HOLE_S: f64 = 2.5;
+    /// Between two of them no walk goes so far, m.
+    pub(in crate::navigator) const JUMP_M: f64 = 3.0;
+    /// Noise of a block before it was seen, and at least, m/s, and the gain of its running mean square.
+    pub(in crate::navigator) const START_SIGMA_MPS: f64 = 0.5;
+    pub(in crate::navigator) const LEAST_SIGMA_MPS: f64 = 0.1;
+    pub(in crate::navigator) const NOISE_GAIN: f64 = 0.05;
+    /// What a calibration that is known changes by in a minute, 1 sigma: bias, rad/s, scale and misalignment (terrain, height, heading).
+    pub(in crate::navigator) const WANDER: [f64; 4] = [0.0015, 0.0015, 0.02, 0.02];
+    /// And what a sensor that fails may do: its scale and direction may be anything, its bias is of the optics.
+    pub(in crate::navigator) const CHANGED: [f64; 4] = [0.004, 0.004, 1.0, 0.5];
+    /// A receiver that walks off does so with some metres a second.
+    pub(in crate::navigator) const WALK_SIGMA_MPS: f64 = 5.0;
+    /// Normalised squares an axis before they were seen (1 for white noise), how firmly, and how many windows count.
+    pub(in crate::navigator) const SPREAD: f64 = 1.5;
+    pub(in crate::navigator) const FIRM: f64 = 20.0;
+    pub(in crate::navigator) const MEMORY: f64 = 60.0;
+    /// It is accused beyond what happens once in 10^4 windows, and nothing is learned from it beyond once in 10^2.
+    pub(in crate::navigator) const DECADES: f64 = 4.0;
+    pub(in crate::navigator) const DOUBT_DECADES: f64 = 2.0;
+    /// The walk has to be a hundred times as likely as a change of the flow, ln.
+    pub(in crate::navigator) const CLEAR_OF: f64 = 4.6;
+    /// … and the flow's change has to explain less than this part: no model is right to the last per cent.
+    pub(in crate::navigator) const RIVAL: f64 = 0.7;
+    /// Slower is what the velocities of real receivers and flows are biased by for minutes, m/s, and nearer harms nobody, m.
+    pub(in crate::navigator) const LEAST_MPS: f64 = 0.25;
+    pub(in crate::navigator) const LEAST_WALK_M: f64 = 3.0;
+    /// Faster ones are found by the filter, m/s.
+    pub(in crate::navigator) const MOST_MPS: f64 = 3.0;
+    /// Nor is what is this part of the speed: a flow's scale and heading are not the same everywhere.
+    pub(in crate::navigator) const LEAST_PART: f64 = 0.06;
+    /// It walks no more where the short windows are within what happens once in a hundred, ln.
+    pub(in crate::navigator) const RESTORED: f64 = 4.6;
+}
+
+/// The flow as a witness against GNSS.
+pub(in crate::navigator) mod flow_travel {
+    /// A calibration testifies when it is this old, s, and until it is twice as old.
+    pub(in crate::navigator) const FREEZE_S: f64 = 30.0;
+    /// A receiver that walks off faster than this is found by inertia, m/s.
+    pub(in crate::navigator) const NO_WALK_MPS: f64 = 2.0;
+    /// A longer silence of the flow is a hole, s.
+    pub(in crate::navigator) const HOLE_S: f64 = 0.5;
+    /// So many flow velocities are remembered: 1.5 s at 75 Hz.
+    pub(in crate::navigator) const REMEMBERED: usize = 128;
 }
 
 /// Motion as a witness of the heading.

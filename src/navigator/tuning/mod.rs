@@ -9,8 +9,9 @@ mod sensing;
 pub(super) mod shadow;
 
 pub(super) use decisions::{
-    budget, core, environment, event_log, gnss_integrity, heading_witness, height, inertia_witness,
-    landmark_fix, memory, outage, plausibility, published, relative, step, stream, uncertainty, vehicle,
+    budget, core, doppler_track, environment, event_log, flow_travel, frozen_fixes, gnss_by_flow,
+    gnss_integrity, heading_witness, height, inertia_witness, landmark_fix, memory, outage, plausibility,
+    published, relative, step, stream, uncertainty, vehicle,
 };
 pub(super) use estimation::{
     error_state, estimator, estimator_step, exogenous, heading, hole, lookback, observer,

@@ -162,6 +162,16 @@ pub(in crate::navigator) mod following {
 pub(in crate::navigator) mod gnss {
     /// Another receiver takes over when the one in use had no fix for this long, s.
     pub(in crate::navigator) const RECEIVER_SILENCE_S: f64 = 1.0;
+    /// Two receivers are expected to be this far apart, m, before they have shown it, and how firmly; so many looks count, this far apart, s.
+    pub(in crate::navigator) const AGREE_M: f64 = 1.5;
+    pub(in crate::navigator) const AGREE_FIRM: f64 = 8.0;
+    pub(in crate::navigator) const AGREE_MEMORY: f64 = 60.0;
+    pub(in crate::navigator) const AGREE_EVERY_S: f64 = 5.0;
+    /// One of them lies beyond what happens once in 10^6 looks, and beyond so many sigmas of what they claim.
+    pub(in crate::navigator) const AGREE_DECADES: f64 = 6.0;
+    pub(in crate::navigator) const AGREE_SIGMA: f64 = 3.0;
+    /// … for this long, s: what fails by itself is found sooner.
+    pub(in crate::navigator) const AGREE_FOR_S: f64 = 2.0;
     /// A receiver's speed is not believed better than this, m/s.
     pub(in crate::navigator) const LEAST_SPEED_SIGMA: f64 = 0.15;
     /// On the way back a speed without a claim is known to this, m/s.

@@ -17,6 +17,7 @@ use super::super::context::Context;
 use super::super::core::Core;
 use super::super::event::EventKind;
 use super::super::memory::FlowMemory;
+use super::super::monitor::flow_travel::{FlowTestimony, FlowTravel};
 use super::super::monitor::outage::CarriedBy;
 use super::super::observation::Observation;
 use super::super::reset::Reset;
@@ -24,11 +25,12 @@ use super::super::settings::{Estimator, FlowBiasSource, FlowSettings};
 use super::super::solution::Mode;
 use super::super::verdict::Reason;
 use super::latency::FlowLatency;
-use super::status::SourceHealth;
+use super::status::{SourceHealth, SourceId, SourceKind};
 use crate::navigator::tuning::flow::{
     FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA, LATENCY_STEP_S,
     LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE,
 };
+use crate::navigator::tuning::flow_travel::NO_WALK_MPS;
 pub(in super::super) use charged::FlowFinding;
 use charged::{Astray, HeadingByGyro, KeptCalibration, SameFlow, ScaledBy};
 use image::ImageAssembly;
@@ -402,6 +404,49 @@ impl FlowSource {
                 ranged: m.ranged,
             },
         })
+    }
+
+    /// The velocity that the sensor in use shows by a calibration of a while ago: what testifies about GNSS. `doubted`: GNSS is, and what is
+    /// learned from it with it.
+    pub(in super::super) fn testify(
+        &self,
+        m: &MeasuredFlow,
+        index: usize,
+        travel: &mut FlowTravel,
+        doubted: bool,
+        context: &Context<'_>,
+    ) {
+        let core = context.core;
+        let id = SourceId { kind: SourceKind::Flow, id: self.id(index) };
+        if self.carrier(core) != Some(index) {
+            return;
+        }
+        if core.statuses.charge(id).is_some() {
+            return travel.interrupt();
+        }
+        let sensor = &self.sensors[index];
+        let Some(calibration) = travel.calibration(m.time, &sensor.calibration, doubted) else { return };
+        let v_xy = calibration.correct(&m.v_xy, m.distance_m);
+        // A flow that has become small tells nothing of how fast it should have been; but what is slow may be the receiver's walk.
+        let v_gnss = gnss_velocity(m, context).filter(|v| v.norm() > NO_WALK_MPS);
+        let v_true = v_gnss.unwrap_or(v_xy);
+        let r_xy = m.r_body_to_ned.fixed_view::<2, 2>(0, 0);
+        let velocity_ned = m.r_body_to_ned * m.in_body(&v_xy, core.height.climb_mps());
+        travel.add(
+            m.time,
+            FlowTestimony {
+                velocity_ne: velocity_ned.xy(),
+                sensitivity: r_xy * FlowCalibration::jacobian(&v_true, m.distance_m),
+            },
+        );
+    }
+
+    /// GNSS lied while the sensor in use learned from it: it is as it was before.
+    pub(in super::super) fn unlearn(&mut self, travel: &mut FlowTravel, core: &Core) {
+        if let Some((index, calibration)) = self.carrier(core).zip(travel.testifying()) {
+            self.sensors[index].calibration = calibration.clone();
+            travel.forget_the_young();
+        }
     }
 
     /// A sample did not fit: an outlier.

@@ -1,0 +1,361 @@
+//! A receiver's positions against its own velocities.
+//!
+//! Position comes from the code, velocity from the Doppler shift of the carrier: two measurements, and who forges one rarely forges the other.
+//! D(t) = p(t) − ∫v dt wanders by what a receiver's position wanders and its velocity is biased by, which differs by a factor of ten
+//! between receivers, so it is learned ([`UsualSpread`]) over four lengths of time. What exceeds that is a jump or a walk.
+
+use nalgebra::Vector2;
+
+use crate::time::{AutopilotTime, Span};
+
+use super::usual::UsualSpread;
+use crate::navigator::tuning::doppler_track::{
+    DECADES, DISTINCT, DRIFT_MPS, FIRM, JITTER_S, LEAST_STEP_M, LEAST_WALK_M, LEAST_WALK_MPS, MARK_S, MARKS,
+    MATCHES, MEMORY, SETTLE_S, SLACK_S, STEP_MEMORY, STEP_SIGMA_M, WANDER_M, WINDOWS_S,
+};
+
+/// How the positions moved, by the velocities.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in super::super) enum TrackMotion {
+    Consistent,
+    /// One fix jumped.
+    Stepped,
+    /// Over a window they ran away.
+    RanAway,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct TrackMark {
+    time: AutopilotTime,
+    position_ne: Vector2<f64>,
+    /// ∫v dt, m.
+    travelled_ne: Vector2<f64>,
+    velocity_ne: Vector2<f64>,
+    /// Nothing was held against the receiver.
+    sound: bool,
+    /// It had jumped.
+    astray: bool,
+}
+
+/// One length of time.
+#[derive(Clone, Copy, Debug)]
+struct TrackWindow {
+    usual: UsualSpread,
+    due: Option<AutopilotTime>,
+    /// Waits until the next is seen, too: a walk is not to be learned while it begins.
+    pending: Option<f64>,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub(in super::super) struct DopplerTrack {
+    /// One a second, a ring.
+    marks: Vec<TrackMark>,
+    oldest: usize,
+    newest: Option<TrackMark>,
+    windows: [TrackWindow; WINDOWS_S.len()],
+    step: UsualSpread,
+    /// What is older is not compared: there was a step.
+    since: Option<AutopilotTime>,
+    run_away_ne: Vector2<f64>,
+    /// Sum of the steps since it was accepted, NE, m, and whether it has run away since.
+    steps_ne: Vector2<f64>,
+    ran: bool,
+}
+
+impl DopplerTrack {
+    pub(in super::super) fn new() -> Self {
+        let window = |length_s: f64| TrackWindow {
+            usual: UsualSpread::expecting((WANDER_M + DRIFT_MPS * length_s).powi(2), FIRM),
+            due: None,
+            pending: None,
+        };
+        Self {
+            marks: Vec::with_capacity(MARKS),
+            oldest: 0,
+            newest: None,
+            windows: WINDOWS_S.map(window),
+            step: UsualSpread::expecting(STEP_SIGMA_M * STEP_SIGMA_M, FIRM),
+            since: None,
+            run_away_ne: Vector2::zeros(),
+            steps_ne: Vector2::zeros(),
+            ran: false,
+        }
+    }
+
+    /// Forgets the way: what comes is not comparable with it. What is usual for the receiver stays known.
+    pub(in super::super) fn forget(&mut self) {
+        self.marks.clear();
+        (self.oldest, self.newest, self.since) = (0, None, None);
+        self.run_away_ne = Vector2::zeros();
+        (self.steps_ne, self.ran) = (Vector2::zeros(), false);
+        self.nothing_pends();
+    }
+
+    /// How far the positions have run away from the velocities over the window that showed it, NE, m.
+    pub(in super::super) fn run_away(&self) -> Vector2<f64> {
+        self.run_away_ne
+    }
+
+    /// Mean square of the step from fix to fix beyond the velocity's, an axis, m².
+    pub(in super::super) fn step_variance(&self) -> f64 {
+        self.step.variance()
+    }
+
+    /// Adds a fix; a silence of more than `hole_s` ends the comparison. `sound`: nothing is held against the receiver at present.
+    pub(in super::super) fn follow(
+        &mut self,
+        time: AutopilotTime,
+        position_ne: Vector2<f64>,
+        velocity_ne: Vector2<f64>,
+        hole_s: f64,
+        sound: bool,
+    ) -> TrackMotion {
+        let mut travelled_ne = Vector2::zeros();
+        let mut stepped = false;
+        if let Some(last) = self.newest {
+            let dt = time.seconds_since(last.time);
+            if (0.0..=hole_s).contains(&dt) {
+                let moved = (last.velocity_ne + velocity_ne) * (0.5 * dt);
+                travelled_ne = last.travelled_ne + moved;
+                let gap_ne = position_ne - last.position_ne - moved;
+                let step = (gap_ne.norm() - SLACK_S * (velocity_ne - last.velocity_ne).norm()).max(0.0);
+                stepped = step > self.step.limit(DECADES).sqrt().max(LEAST_STEP_M);
+                if stepped {
+                    self.steps_ne += gap_ne;
+                } else {
+                    self.step.learn(step * step, STEP_MEMORY);
+                }
+            } else {
+                self.forget();
+            }
+        }
+        let astray = self.stepped();
+        let sound = sound && !astray && !self.ran;
+        let here = TrackMark { time, position_ne, travelled_ne, velocity_ne, sound, astray };
+        self.newest = Some(here);
+        if stepped {
+            // Positions before and after a step are not comparable, but for those before one that is undone.
+            self.since = astray.then_some(time);
+            self.run_away_ne = Vector2::zeros();
+            self.nothing_pends();
+        }
+        let ran_away = self.compare(&here);
+        self.ran |= ran_away;
+        self.keep(&here);
+        if stepped {
+            TrackMotion::Stepped
+        } else if ran_away {
+            TrackMotion::RanAway
+        } else {
+            TrackMotion::Consistent
+        }
+    }
+
+    /// How far it was displaced, by jumps or by running away, since it was accepted, m, and how much of that may be the usual wander, m: what
+    /// jumped has not wandered.
+    pub(in super::super) fn displaced(&self) -> Option<(f64, f64)> {
+        if self.ran {
+            let (apart, age) = self.apart()?;
+            return Some((apart, self.limit_m(age)));
+        }
+        self.stepped().then(|| (self.steps_ne.norm(), 0.0))
+    }
+
+    fn stepped(&self) -> bool {
+        self.steps_ne.norm() >= LEAST_STEP_M
+    }
+
+    /// From the last mark that was sound, m, and how old that is, s.
+    fn apart(&self) -> Option<(f64, f64)> {
+        let here = self.newest?;
+        let mark = self.ordered().rev().find(|m| m.sound)?;
+        Some((deviation(&here, mark), here.time.seconds_since(mark.time)))
+    }
+
+    /// The receiver is believed where it stands.
+    pub(in super::super) fn accept(&mut self) {
+        (self.steps_ne, self.ran) = (Vector2::zeros(), false);
+    }
+
+    /// Whether the newest fix lies where the velocities lead from where it was while it was sound: whatever lay between was a lie, and it is
+    /// over.
+    pub(in super::super) fn resumes(&self) -> bool {
+        let Some((here, (apart, _))) = self.newest.zip(self.apart()) else { return false };
+        let mut matches = 0;
+        for mark in self.ordered().filter(|m| m.sound) {
+            let age = here.time.seconds_since(mark.time);
+            if age < SETTLE_S {
+                break;
+            }
+            // To where it was when it was last sound it does not lead: a wide limit alone is no evidence.
+            let limit = self.limit_m(age).min(apart / DISTINCT);
+            matches = if deviation(&here, mark) < limit { matches + 1 } else { 0 };
+            if matches >= MATCHES {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// What the deviation over `age` s may be, m: beyond the longest window it grows with time.
+    fn limit_m(&self, age: f64) -> f64 {
+        let longest = WINDOWS_S.len() - 1;
+        let k = WINDOWS_S.iter().position(|w| *w >= age).unwrap_or(longest);
+        let beyond = (age / WINDOWS_S[longest]).max(1.0);
+        3.0 * (2.0 * self.windows[k].usual.variance()).sqrt() * beyond
+    }
+
+    /// Oldest first.
+    fn ordered(&self) -> impl DoubleEndedIterator<Item = &TrackMark> {
+        let (tail, head) = self.marks.split_at(self.oldest.min(self.marks.len()));
+        head.iter().chain(tail)
+    }
+
+    fn keep(&mut self, here: &TrackMark) {
+        let newest = self.ordered().next_back();
+        if newest.is_some_and(|m| here.time.seconds_since(m.time) < MARK_S) {
+            return;
+        }
+        if self.marks.len() < MARKS {
+            self.marks.push(*here);
+        } else {
+            self.marks[self.oldest] = *here;
+            self.oldest = (self.oldest + 1) % MARKS;
+        }
+    }
+
+    fn nothing_pends(&mut self) {
+        for window in &mut self.windows {
+            (window.pending, window.due) = (None, None);
+        }
+    }
+
+    /// Compares `here` with the marks a window's length ago; whether it has run away.
+    fn compare(&mut self, here: &TrackMark) -> bool {
+        let mut from = [None; WINDOWS_S.len()];
+        // The largest change of the velocity since, m/s.
+        let mut change: f64 = 0.0;
+        let mut last_s = 0.0;
+        let comparable = |m: &&TrackMark| self.since.is_some_and(|s| m.time >= s) || !m.astray;
+        let since = self.since;
+        for mark in self.ordered().rev().take_while(|m| since.is_none_or(|s| m.time >= s)).filter(comparable)
+        {
+            let age = here.time.seconds_since(mark.time);
+            change = change.max((mark.velocity_ne - here.velocity_ne).norm());
+            for (k, length) in WINDOWS_S.iter().enumerate() {
+                // The youngest that is old enough.
+                if (last_s..age).contains(length) {
+                    from[k] = Some((*mark, change));
+                }
+            }
+            last_s = age;
+        }
+        let mut ran_away = None;
+        for (k, from) in from.into_iter().enumerate() {
+            let Some((from, change)) = from else { continue };
+            let d = (deviation(here, &from) - JITTER_S * change).max(0.0);
+            let window = &mut self.windows[k];
+            if d > window.usual.limit(DECADES).sqrt().max(LEAST_WALK_M + LEAST_WALK_MPS * WINDOWS_S[k]) {
+                self.run_away_ne = gap(here, &from);
+                ran_away = Some(from.time);
+            } else if window.due.is_none_or(|due| here.time >= due) && here.sound {
+                if let Some(squared) = window.pending.replace(d * d) {
+                    window.usual.learn(squared, MEMORY);
+                }
+                // Windows that overlap by half tell nearly twice as much.
+                window.due = Some(here.time + Span::from_seconds(0.5 * WINDOWS_S[k]));
+            }
+        }
+        if let Some(since) = ran_away {
+            self.nothing_pends();
+            // It was on its way already.
+            self.marks.iter_mut().filter(|m| m.time > since).for_each(|m| m.sound = false);
+        }
+        ran_away.is_some()
+    }
+}
+
+/// What the positions moved by more than the velocities say, NE, m.
+fn gap(to: &TrackMark, from: &TrackMark) -> Vector2<f64> {
+    (to.position_ne - from.position_ne) - (to.travelled_ne - from.travelled_ne)
+}
+
+/// The same as a distance, m. Receivers filter position and velocity differently: a part of a second of the change of velocity is no lie.
+fn deviation(to: &TrackMark, from: &TrackMark) -> f64 {
+    (gap(to, from).norm() - SLACK_S * (to.velocity_ne - from.velocity_ne).norm()).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const V: Vector2<f64> = Vector2::new(3.0, -1.0);
+
+    /// A receiver at 5 Hz whose position wanders by some decimetres, with `lie` on the position of a time.
+    fn fly(
+        from_s: f64,
+        to_s: f64,
+        track: &mut DopplerTrack,
+        lie: impl Fn(f64) -> Vector2<f64>,
+    ) -> Option<f64> {
+        let mut k = (from_s * 5.0) as i64;
+        while (k as f64) < to_s * 5.0 {
+            let t = 0.2 * k as f64;
+            // Incommensurable sines instead of a random generator.
+            let wander = Vector2::new((0.11 * t).sin() + 0.2 * (3.1 * t).sin(), (0.07 * t).cos()) * 0.4;
+            let time = AutopilotTime::from_micros(200_000 * k);
+            if track.follow(time, V * t + wander + lie(t), V, 1.0, true) != TrackMotion::Consistent {
+                return Some(t);
+            }
+            k += 1;
+        }
+        None
+    }
+
+    fn honest(_: f64) -> Vector2<f64> {
+        Vector2::zeros()
+    }
+
+    #[test]
+    fn a_walk_of_half_a_metre_a_second_is_found_before_it_is_eight_metres_long_and_its_size_is_known() {
+        let mut track = DopplerTrack::new();
+        assert_eq!(fly(0.0, 300.0, &mut track, honest), None, "no false alarm");
+        let walk = |t: f64| Vector2::new(0.3, 0.4) * (t - 300.0);
+        let found = fly(300.0, 400.0, &mut track, walk).unwrap();
+        assert!(walk(found).norm() < 8.0, "{found}");
+        assert!((track.run_away() - walk(found)).norm() < 2.5, "{} {}", track.run_away(), walk(found));
+    }
+
+    #[test]
+    fn a_jump_is_found_at_once_and_its_end_is_known_from_its_standing() {
+        let mut track = DopplerTrack::new();
+        assert_eq!(fly(0.0, 60.0, &mut track, honest), None);
+        let jump = |_| Vector2::new(0.0, 5.0);
+        assert_eq!(fly(60.0, 61.0, &mut track, jump), Some(60.0));
+        assert_eq!(fly(60.2, 100.0, &mut track, jump), None, "it stands");
+        let (displaced_m, wander_m) = track.displaced().unwrap();
+        assert!((displaced_m - 5.0).abs() < 0.3 && wander_m == 0.0, "{displaced_m}");
+        assert!(!track.resumes());
+        assert_eq!(fly(100.0, 101.0, &mut track, honest), Some(100.0));
+        fly(100.2, 102.0, &mut track, honest);
+        assert_eq!(track.displaced(), None);
+    }
+
+    #[test]
+    fn the_end_of_a_lie_that_was_believed_is_told_from_a_jump_away() {
+        let lie =
+            |t: f64| if (100.0..160.0).contains(&t) { Vector2::new(30.0, 0.0) } else { Vector2::zeros() };
+        let mut track = DopplerTrack::new();
+        for (from_s, to_s) in [(0.0, 100.0), (100.2, 101.0)] {
+            fly(from_s, to_s, &mut track, lie);
+        }
+        // Whatever the reason, it was believed there.
+        track.accept();
+        fly(101.0, 160.0, &mut track, lie);
+        fly(160.0, 160.1, &mut track, lie);
+        assert!(track.displaced().is_some() && track.resumes(), "it is back where it was before");
+        fly(160.2, 165.0, &mut track, |_| Vector2::new(0.0, 60.0));
+        assert!(!track.resumes(), "nor is it anywhere else");
+    }
+}

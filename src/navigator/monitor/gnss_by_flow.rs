@@ -1,0 +1,412 @@
+//! GNSS against optical flow: does a difference of their velocities lie in the flow, or in the receiver?
+//!
+//! Over a second what the positions have moved and what the flow has travelled differ by y = w + J x + e: w is what the receiver walks by, constant in north and east; x what the
+//! flow's calibration [b_x, b_y, s, μ] is wrong by, constant in the body and, but for the bias, in proportion to the speed. Over windows of
+//! some seconds, three hypotheses are compared by what they explain of Σ|y|²/σ² (generalised likelihood ratios, Basseville and Nikiforov
+//! 1993, section 2.4.3, with Gaussian priors): the calibration is as well known as it says; besides, the receiver walks off; or the flow
+//! has changed beyond anything that it says. Accused is the receiver where its walk explains more than is usual ([`UsualSpread`]), more than the
+//! flow's change could, and most of what there is to explain. A hover shows it at once, a straight flight only with its next turn: until
+//! then it may be the flow's scale.
+
+use nalgebra::{Matrix2x4, Matrix4, Matrix6, Vector2, Vector6};
+
+use crate::time::AutopilotTime;
+
+use super::flow_travel::FlowPlace;
+use super::usual::UsualSpread;
+use crate::navigator::tuning::gnss_by_flow::{
+    BLOCK_S, BLOCKS, CHANGED, CLEAR_OF, DECADES, DOUBT_DECADES, FIRM, FIX_HOLE_S, JUMP_M, LEAST_MPS,
+    LEAST_PART, LEAST_SIGMA_MPS, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_GAIN, ONSETS, RESTORED, RIVAL, SPREAD,
+    START_SIGMA_MPS, WALK_SIGMA_MPS, WANDER, WINDOWS,
+};
+
+/// A receiver that walks off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) struct ReceiverWalk {
+    /// What its velocity is wrong by, NE, m/s.
+    pub(in super::super) velocity_ne: Vector2<f64>,
+    /// How far that has led it so far, NE, m.
+    pub(in super::super) walked_ne: Vector2<f64>,
+}
+
+/// A second of both.
+#[derive(Clone, Copy, Debug, Default)]
+struct WitnessBlock {
+    seconds: f64,
+    /// What GNSS moved by more than the flow, NE, m.
+    gap_ne: Vector2<f64>,
+    sensitivity: Matrix2x4<f64>,
+}
+
+impl WitnessBlock {
+    /// y, m/s.
+    fn rate(&self) -> Vector2<f64> {
+        self.gap_ne / self.seconds
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct LastFix {
+    time: AutopilotTime,
+    position_ne: Vector2<f64>,
+    flow: Option<FlowPlace>,
+}
+
+/// One number of blocks.
+#[derive(Clone, Copy, Debug)]
+struct WitnessWindow {
+    usual: UsualSpread,
+    due: usize,
+    /// Waits until the next is seen, too.
+    pending: Option<f64>,
+}
+
+/// What a window shows.
+#[derive(Clone, Copy, Debug)]
+struct WalkFinding {
+    walk_ne: Vector2<f64>,
+    /// What a walk explains of the normalised squares, what a change of the flow does, and what the walk leaves.
+    by_walk: f64,
+    by_flow: f64,
+    left: f64,
+    /// Mean speed of the flow, m/s.
+    speed_mps: f64,
+    /// What the doubt about the calibration explains of them by itself.
+    nothing: f64,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug)]
+pub(in super::super) struct GnssByFlow {
+    last: Option<LastFix>,
+    open: WitnessBlock,
+    /// Newest last.
+    blocks: Vec<WitnessBlock>,
+    windows: [WitnessWindow; WINDOWS.len()],
+    /// Variance of a block on an axis, from differences of successive ones, m²/s².
+    variance: f64,
+    doubted: bool,
+    walk: Option<ReceiverWalk>,
+    /// It has jumped since the walk was found.
+    jumped: bool,
+}
+
+impl GnssByFlow {
+    pub(in super::super) fn new() -> Self {
+        let window = WitnessWindow { usual: UsualSpread::expecting(SPREAD, FIRM), due: 0, pending: None };
+        Self {
+            last: None,
+            open: WitnessBlock::default(),
+            blocks: Vec::with_capacity(BLOCKS),
+            windows: [window; WINDOWS.len()],
+            variance: START_SIGMA_MPS * START_SIGMA_MPS,
+            doubted: false,
+            walk: None,
+            jumped: false,
+        }
+    }
+
+    /// A walk that is held against the receiver. It stands until the last seconds show none.
+    pub(in super::super) fn walk(&self) -> Option<&ReceiverWalk> {
+        self.walk.as_ref()
+    }
+
+    /// Whether a walk begins to show: nothing is to be learned from GNSS.
+    pub(in super::super) fn doubts(&self) -> bool {
+        self.doubted || self.walk.is_some()
+    }
+
+    /// What comes is not comparable with what was.
+    pub(in super::super) fn interrupt(&mut self) {
+        (self.last, self.open) = (None, WitnessBlock::default());
+        self.blocks.clear();
+        self.doubted = false;
+        for window in &mut self.windows {
+            (window.due, window.pending) = (0, None);
+        }
+    }
+
+    /// The receiver is another, or what it did is taken back.
+    pub(in super::super) fn acquit(&mut self) {
+        self.interrupt();
+        self.walk = None;
+    }
+
+    /// A fix, and where the flow had come to at its time; `known`: covariance of the calibration that testifies.
+    pub(in super::super) fn fix(
+        &mut self,
+        time: AutopilotTime,
+        position_ne: Vector2<f64>,
+        flow: Option<FlowPlace>,
+        known: Option<&Matrix4<f64>>,
+    ) {
+        let here = LastFix { time, position_ne, flow };
+        let Some(last) = self.last.replace(here) else { return };
+        let dt = time.seconds_since(last.time);
+        let pair = last.flow.zip(flow).filter(|(a, b)| a.stretch == b.stretch);
+        let Some(((a, b), known)) = pair.zip(known).filter(|_| dt > 0.0 && dt < FIX_HOLE_S) else { return };
+        let moved = position_ne - last.position_ne;
+        if (moved - (b.travelled_ne - a.travelled_ne)).norm() > JUMP_M {
+            // A jump is none of its business, and tells nothing of a walk before and after.
+            self.open = WitnessBlock::default();
+            self.blocks.clear();
+            self.jumped = true;
+            return;
+        }
+        let open = &mut self.open;
+        open.seconds += dt;
+        open.gap_ne += moved - (b.travelled_ne - a.travelled_ne);
+        // GNSS less flow: an error of the flow counts the other way.
+        open.sensitivity -= b.sensitivity - a.sensitivity;
+        if open.seconds >= BLOCK_S {
+            let block = std::mem::take(open);
+            self.close(block, known);
+        }
+    }
+
+    fn close(&mut self, block: WitnessBlock, known: &Matrix4<f64>) {
+        if block.rate().norm() > MOST_MPS {
+            // So fast walks no receiver that the filter still follows: the flow does not see the ground.
+            return self.blocks.clear();
+        }
+        if let Some(before) = self.blocks.last() {
+            let squared = 0.25 * (block.rate() - before.rate()).norm_squared();
+            // A step counts once, and no more than tenfold.
+            let squared = squared.min(10.0 * self.variance);
+            self.variance += NOISE_GAIN * (squared - self.variance);
+        }
+        if self.blocks.len() >= BLOCKS {
+            self.blocks.remove(0);
+        }
+        self.blocks.push(block);
+        self.judge(known);
+    }
+
+    fn judge(&mut self, known: &Matrix4<f64>) {
+        let findings = self.findings(known);
+        self.doubted = false;
+        let mut worst: Option<(f64, usize, WalkFinding)> = None;
+        // A lie that has ended with a jump back is over sooner.
+        let last = if self.jumped { 1 } else { 2 };
+        let mut restored = true;
+        for (k, finding) in findings.iter().enumerate() {
+            let Some(f) = finding else { continue };
+            let (over, doubtful, quiet) = self.weigh(k, f);
+            self.doubted |= doubtful;
+            restored &= k > last || quiet;
+            if over > 1.0 && worst.is_none_or(|(most, ..)| over > most) {
+                worst = Some((over, k, *f));
+            }
+        }
+        if let Some((_, k, f)) = worst {
+            let seconds: f64 = self.newest(WINDOWS[k]).map(|b| b.seconds).sum();
+            if self.walk.is_none() {
+                self.jumped = false;
+            }
+            let found = ReceiverWalk { velocity_ne: f.walk_ne, walked_ne: f.walk_ne * seconds };
+            self.walk.get_or_insert(found);
+        } else if self.walk.is_some() && restored && findings[last].is_some() {
+            self.acquit();
+        }
+        self.learn(&findings);
+    }
+
+    /// By how much a finding exceeds what is usual, 0 where it does not point at the receiver; whether it gives rise to doubt; and whether
+    /// it shows nothing.
+    fn weigh(&self, k: usize, f: &WalkFinding) -> (f64, bool, bool) {
+        let usual = self.windows[k].usual;
+        // Less than normal noise is no measure.
+        let unit = 2.0 * usual.variance().max(1.0);
+        let limit = |decades| usual.limit(decades) * (0.5 * unit / usual.variance());
+        let points_at_gnss = f.by_walk - f.by_flow > CLEAR_OF * unit
+            && f.by_flow < RIVAL * f.by_walk
+            && f.walk_ne.norm()
+                > LEAST_MPS.max(LEAST_WALK_M / WINDOWS[k] as f64).max(LEAST_PART * f.speed_mps)
+            && 2.0 * f.left < f.by_walk;
+        let over = if points_at_gnss { f.by_walk / limit(DECADES) } else { 0.0 };
+        let quiet = f.by_walk < RESTORED * unit || f.walk_ne.norm() < LEAST_MPS;
+        (over, points_at_gnss && f.by_walk > limit(DOUBT_DECADES), quiet)
+    }
+
+    /// What is usual, from whole windows, one later: not while a walk begins to show.
+    fn learn(&mut self, findings: &[Option<WalkFinding>; WINDOWS.len()]) {
+        for (k, finding) in findings.iter().enumerate() {
+            let window = &mut self.windows[k];
+            // What the flow's own change explains is no wander of the receiver's.
+            let usual = |f: &WalkFinding| {
+                f.by_walk < window.usual.limit(DOUBT_DECADES) || f.by_flow < 0.5 * f.by_walk
+            };
+            let quiet = !self.doubted && self.walk.is_none();
+            let Some(finding) = finding.filter(|f| quiet && usual(f)) else {
+                (window.pending, window.due) = (None, 0);
+                continue;
+            };
+            if window.due > 0 {
+                window.due -= 1;
+                continue;
+            }
+            if let Some(earlier) = window.pending.replace(finding.by_walk) {
+                window.usual.learn(earlier, MEMORY);
+            }
+            window.due = WINDOWS[k];
+        }
+    }
+
+    fn newest(&self, n: usize) -> impl Iterator<Item = &WitnessBlock> {
+        self.blocks.iter().rev().take(n)
+    }
+
+    /// What every window shows. The flow may have changed at any time within it, and be as it was before.
+    fn findings(&self, known: &Matrix4<f64>) -> [Option<WalkFinding>; WINDOWS.len()] {
+        let mut findings = [None; WINDOWS.len()];
+        let mut flow: f64 = 0.0;
+        let mut k = 0;
+        for n in ONSETS {
+            let Some(found) = self.find(n, known) else { break };
+            // What a change of the flow so long ago explains, all told.
+            flow = flow.max(found.nothing + found.by_flow);
+            if WINDOWS.get(k) == Some(&n) {
+                findings[k] = Some(WalkFinding { by_flow: flow - found.nothing, ..found });
+                k += 1;
+            }
+        }
+        findings
+    }
+
+    /// What the last `n` blocks show.
+    fn find(&self, n: usize, known: &Matrix4<f64>) -> Option<WalkFinding> {
+        if self.blocks.len() < n {
+            return None;
+        }
+        let variance = self.variance.max(LEAST_SIGMA_MPS * LEAST_SIGMA_MPS);
+        let (mut information, mut vector, mut squares) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
+        for block in self.newest(n) {
+            let y = block.rate();
+            let mut g = nalgebra::Matrix2x6::zeros();
+            g.fixed_columns_mut::<2>(0).fill_with_identity();
+            g.fixed_columns_mut::<4>(2).copy_from(&(block.sensitivity / block.seconds));
+            information += g.tr_mul(&g) / variance;
+            vector += g.tr_mul(&y) / variance;
+            squares += y.norm_squared() / variance;
+        }
+        // The scale's column is the velocity.
+        let speed = |b: &WitnessBlock| b.sensitivity.column(2).norm() / b.seconds;
+        let speed_mps = self.newest(n).map(speed).sum::<f64>() / n as f64;
+        let mut prior = *known;
+        for (i, sigma) in WANDER.iter().enumerate() {
+            prior[(i, i)] += sigma * sigma;
+        }
+        let prior = prior.try_inverse()?;
+        let changed = Matrix4::from_diagonal(&nalgebra::Vector4::from(CHANGED).map(|s| 1.0 / (s * s)));
+        let explained = |walk_sigma: f64, x: &Matrix4<f64>| {
+            let mut whole = information;
+            for i in 0..2 {
+                whole[(i, i)] += 1.0 / (walk_sigma * walk_sigma);
+            }
+            let mut corner = whole.fixed_view_mut::<4, 4>(2, 2);
+            corner += x;
+            let solved = whole.cholesky()?.solve(&vector);
+            Some((vector.dot(&solved), solved))
+        };
+        let (nothing, _) = explained(1e-6, &prior)?;
+        let (walk, solved) = explained(WALK_SIGMA_MPS, &prior)?;
+        let (flow, _) = explained(1e-6, &changed)?;
+        Some(WalkFinding {
+            walk_ne: Vector2::new(solved[0], solved[1]),
+            by_walk: walk - nothing,
+            by_flow: flow - nothing,
+            left: (squares - walk - 2.0 * n as f64).max(0.0),
+            nothing,
+            speed_mps,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::flow_travel::{FlowTestimony, FlowTravel};
+    use super::*;
+    use crate::camera::{CalibrationSettings, FlowCalibration};
+    use nalgebra::{Matrix2, Vector3};
+
+    const HEIGHT_M: f64 = 8.0;
+
+    /// A receiver at 5 Hz and a flow at 20 Hz on a path of legs of 10 s at `speed`, each a right turn from the last; `lie`: what the
+    /// receiver's position is off by; `flow`: what the flow makes of the body velocity.
+    fn fly(
+        speed: f64,
+        to_s: f64,
+        lie: impl Fn(f64) -> Vector2<f64>,
+        flow: impl Fn(f64, Vector2<f64>) -> Vector2<f64>,
+    ) -> Option<(f64, ReceiverWalk)> {
+        let (mut travel, mut witness) = (FlowTravel::new(), GnssByFlow::new());
+        let known = Matrix4::identity() * 1e-6;
+        let mut p = Vector2::zeros();
+        for k in 0..(to_s * 20.0) as i64 {
+            let (t, time) = (0.05 * k as f64, AutopilotTime::from_micros(50_000 * k));
+            let heading = (t / 10.0).floor() * std::f64::consts::FRAC_PI_2;
+            let r = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), heading).into_inner();
+            let r_xy: Matrix2<f64> = r.fixed_view::<2, 2>(0, 0).into_owned();
+            let body = Vector2::new(speed, 0.0);
+            p += r_xy * body * 0.05;
+            let noise = Vector2::new((31.0 * t).sin(), (43.0 * t).cos()) * 0.2;
+            let seen = flow(t, body) + noise;
+            let sensitivity = r_xy * FlowCalibration::jacobian(&body, HEIGHT_M);
+            travel.add(time, FlowTestimony { velocity_ne: r_xy * seen, sensitivity });
+            if k % 4 == 0 {
+                let wander = Vector2::new((5.0 * t).sin(), (7.0 * t).cos()) * 0.1;
+                witness.fix(time, p + wander + lie(t), travel.at(time), Some(&known));
+                if let Some(walk) = witness.walk() {
+                    return Some((t, *walk));
+                }
+            }
+        }
+        None
+    }
+
+    fn walk(t: f64) -> Vector2<f64> {
+        Vector2::new(0.3, 0.4) * (t - 200.0).max(0.0)
+    }
+
+    #[test]
+    fn a_walk_is_found_in_hover_and_in_flight_before_it_has_led_fifteen_metres_away() {
+        for speed in [0.0, 5.0] {
+            let (t, found) = fly(speed, 300.0, walk, |_, v| v).unwrap();
+            assert!(t > 200.0 && walk(t).norm() < 15.0, "{speed}: {t}");
+            assert!(found.velocity_ne.dot(&Vector2::new(0.3, 0.4)) > 0.1, "{}", found.velocity_ne);
+        }
+    }
+
+    #[test]
+    fn a_flow_that_fails_is_not_the_receivers_fault() {
+        let honest = |_| Vector2::zeros();
+        assert_eq!(fly(5.0, 400.0, honest, |_, v| v), None);
+        assert_eq!(fly(5.0, 400.0, honest, |t, v| if t > 200.0 { v * 0.5 } else { v }), None, "scale");
+        assert_eq!(fly(5.0, 400.0, honest, |t, v| if t > 200.0 { v * 0.0 } else { v }), None, "zero");
+        let turned = |t: f64, v: Vector2<f64>| if t > 200.0 { v + Vector2::new(-v.y, v.x) * 0.2 } else { v };
+        assert_eq!(fly(5.0, 400.0, honest, turned), None, "compass");
+    }
+
+    #[test]
+    fn the_calibration_that_testifies_is_old_and_stays_so_while_gnss_is_doubted() {
+        let settings = CalibrationSettings {
+            bias_sigma_radps: 0.03,
+            scale_sigma: 0.1,
+            misalignment_sigma_rad: 0.1,
+            bias_walk: 1e-4,
+            scale_walk: 2e-4,
+            max_scale_error: 0.4,
+            max_bias_radps: 0.15,
+        };
+        let (mut travel, mut now) = (FlowTravel::new(), FlowCalibration::new(settings));
+        let at = |s: i64| AutopilotTime::from_micros(s * 1_000_000);
+        let v = Vector2::new(5.0, 0.0);
+        let mut testified = None;
+        for s in 0..300 {
+            now.compare(&(v * 1.2), &v, HEIGHT_M, &(Matrix2::identity() * 0.01), &Matrix2::zeros(), 0.1);
+            testified = travel.calibration(at(s), &now, s > 100).map(|c| c.estimate()[2]);
+            assert_eq!(testified.is_none(), s <= 30, "{s}");
+        }
+        assert!(testified.unwrap() < now.estimate()[2]);
+    }
+}

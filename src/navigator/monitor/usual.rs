@@ -1,0 +1,87 @@
+//! What is usual for a horizontal deviation, learned from itself, and where what is usual ends.
+//!
+//! A deviation is taken for normal with zero mean and an unknown variance s² an axis, whose conjugate prior (inverse gamma) is worth n₀
+//! observations of s₀². After n in all, |d|²/2s² of the next one has Fisher's F distribution with 2 and 2n degrees of freedom, for which
+//! P(> x) = (1 + x/n)⁻ⁿ (Bernardo and Smith 1994, *Bayesian Theory*, section 5.2): the less has been seen, the wider the limit.
+
+/// See the module's documentation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) struct UsualSpread {
+    /// Sum of |d|²/2.
+    sum: f64,
+    n: f64,
+}
+
+impl UsualSpread {
+    /// A variance an axis of `variance` is expected, as firmly as `n` observations would show it.
+    pub(in super::super) const fn expecting(variance: f64, n: f64) -> Self {
+        Self { sum: variance * n, n }
+    }
+
+    /// The variance of an axis, as it is known.
+    pub(in super::super) fn variance(&self) -> f64 {
+        self.sum / self.n
+    }
+
+    /// The squared deviation that is exceeded with a probability of 10^−`decades`.
+    pub(in super::super) fn limit(&self, decades: f64) -> f64 {
+        2.0 * self.variance() * self.n * (10f64.powf(decades / self.n) - 1.0)
+    }
+
+    /// Takes a squared deviation that was usual; the last `memory` count.
+    pub(in super::super) fn learn(&mut self, squared: f64, memory: f64) {
+        if !squared.is_finite() {
+            return;
+        }
+        self.sum += 0.5 * squared;
+        self.n += 1.0;
+        if self.n > memory {
+            self.sum *= memory / self.n;
+            self.n = memory;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn the_limit_is_exceeded_as_often_as_it_says() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let mut normal = || {
+            let (u, v): (f64, f64) = (rng.random_range(1e-12..1.0), rng.random_range(0.0..1.0));
+            (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+        };
+        let (mut beyond, trials) = (0, 40_000);
+        for k in 0..trials {
+            // The true variance is drawn anew, and known from ten observations only.
+            let scale = 0.5 + f64::from(k % 7);
+            let mut usual = UsualSpread::expecting(1.0, 1e-9);
+            for _ in 0..10 {
+                usual.learn((normal() * scale).powi(2) + (normal() * scale).powi(2), 100.0);
+            }
+            let next = (normal() * scale).powi(2) + (normal() * scale).powi(2);
+            beyond += i32::from(next > usual.limit(2.0));
+        }
+        let share = f64::from(beyond) / f64::from(trials);
+        assert!((0.008..0.012).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn what_is_little_known_has_a_wide_limit_and_old_times_are_forgotten() {
+        let mut usual = UsualSpread::expecting(1.0, 8.0);
+        let at_first = usual.limit(6.0);
+        for _ in 0..200 {
+            usual.learn(2.0, 60.0);
+        }
+        assert!((usual.variance() - 1.0).abs() < 1e-9 && usual.limit(6.0) < 0.6 * at_first);
+        for _ in 0..200 {
+            usual.learn(200.0, 60.0);
+        }
+        assert!(usual.variance() > 90.0);
+        usual.learn(f64::NAN, 60.0);
+        assert!(usual.variance().is_finite());
+    }
+}

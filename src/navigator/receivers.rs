@@ -1,0 +1,165 @@
+//! What becomes of a receiver that is found wrong, and of the one beside it.
+//!
+//! Both receivers are judged by the same tests all the time, one of them is navigated on. When that one fails, or its fixes have not passed
+//! for half a second, the other takes over with all that is known of it, if it is trusted itself. Where two that pass every test are further
+//! apart than is usual for them, one of them lies, and nobody can say which: both are suspect, and the uncertainty says so.
+
+use crate::sample::GnssSample;
+use crate::time::AutopilotTime;
+
+use super::context::Context;
+use super::core::Core;
+use super::judge::{self, Charge};
+use super::monitor::GnssFault;
+use super::monitor::gnss_integrity::Standing;
+use super::sources::SourceSet;
+use super::sources::gnss::{FixReading, expectation};
+use super::sources::status::{SourceId, SourceKind, SourceStatus};
+
+/// What a fault is charged as; a loss of the fix is none.
+const fn charge_of(fault: GnssFault) -> Option<Charge> {
+    match fault {
+        GnssFault::Spoofed | GnssFault::Jammed | GnssFault::SignalsInconsistent => Some(Charge::SaysSo),
+        GnssFault::Frozen => Some(Charge::Stuck),
+        GnssFault::Inconsistent => Some(Charge::WalksOff),
+        GnssFault::ContradictsFlow => Some(Charge::ContradictsFlow),
+        GnssFault::PositionJump | GnssFault::VelocityJump => Some(Charge::ContradictsInertia),
+        _ => None,
+    }
+}
+
+fn id_of(receiver: u8) -> SourceId {
+    SourceId { kind: SourceKind::Gnss, id: receiver }
+}
+
+/// A fix passed, or failed, and its receiver is `trusted` or not. A charge is brought when trust is lost, and taken back when it is won again:
+/// after some seconds of good fixes ([`super::monitor::gnss_integrity`] says how many).
+pub(super) fn charge(
+    core: &mut Core,
+    now: AutopilotTime,
+    receiver: u8,
+    verdict: Result<(), GnssFault>,
+    trusted: bool,
+) {
+    let id = id_of(receiver);
+    match verdict.map_err(charge_of) {
+        Err(Some(charge)) if !trusted => judge::accuse(core, now, id, charge),
+        Ok(()) if trusted && core.statuses.charge(id).is_some_and(|c| c != Charge::FitsBadly) => {
+            judge::acquit(core, now, id);
+        }
+        _ => {}
+    }
+}
+
+/// A fix of the receiver in use, set against the flow.
+///
+/// # Errors
+/// [`GnssFault::ContradictsFlow`] while position and velocity walk off together. The way back: some seconds in which they do not.
+pub(super) fn hear_flow(
+    core: &mut Core,
+    sources: &mut SourceSet,
+    reading: &FixReading,
+) -> Result<(), GnssFault> {
+    let gnss = &mut sources.gnss;
+    let (flow, known) = (gnss.travel.at(reading.measured), gnss.travel.covariance());
+    let was_walking = gnss.witness.walk().is_some();
+    gnss.witness.fix(reading.measured, reading.position_ned.xy(), flow, known);
+    let Some(walk) = gnss.witness.walk().copied() else { return Ok(()) };
+    if !was_walking {
+        core.integrity.walks(walk.walked_ne);
+        sources.flow.unlearn(&mut sources.gnss.travel, core);
+    }
+    Err(GnssFault::ContradictsFlow)
+}
+
+/// A fix of the receiver that is not in use. True when it is from now on.
+pub(super) fn spare(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, s: &GnssSample) -> bool {
+    let judged = judge_spare(core, sources, now, s).and_then(|(standing, reading)| {
+        if walks_along(core, sources, &reading) {
+            return Err(GnssFault::ContradictsFlow);
+        }
+        Ok((standing, reading))
+    });
+    let spare = &mut sources.gnss.spare;
+    match judged {
+        Ok((standing, _)) => {
+            spare.good(now, standing);
+        }
+        Err(fault) => {
+            spare.bad(now, fault);
+        }
+    }
+    let trusted = spare.trusted();
+    if let Ok((_, reading)) = &judged
+        && trusted
+        && core.integrity.trusted()
+    {
+        compare(core, sources, now, s.receiver, reading);
+    }
+    // Who contradicts the one in use is not acquitted for being consistent in itself.
+    charge(
+        core,
+        now,
+        s.receiver,
+        judged.map(|_| ()),
+        trusted && !(judged.is_ok() && sources.gnss.disagrees()),
+    );
+    if judged.is_ok() && trusted && core.integrity.fails(now) {
+        core.integrity.take_over(&mut sources.gnss.spare);
+        sources.gnss.use_receiver(s.receiver);
+        judge::acquit(core, now, id_of(s.receiver));
+        return true;
+    }
+    false
+}
+
+/// Whether the receiver that is not in use is charged: it may have led the estimate astray.
+pub(super) fn other_lied(core: &Core, in_use: u8) -> bool {
+    let charged =
+        |s: &SourceStatus| s.source.kind == SourceKind::Gnss && s.source.id != in_use && s.charge().is_some();
+    core.statuses.iter().any(charged)
+}
+
+/// The receiver in use walks off from the flow, and this fix of the other lies where that has led it.
+fn walks_along(core: &Core, sources: &SourceSet, reading: &FixReading) -> bool {
+    if sources.gnss.witness.walk().is_none() {
+        return false;
+    }
+    let walked = core.integrity.walked();
+    // Until dead reckoning begins the estimate has walked, too.
+    let led = if core.dead_reckoning() { reading.position_error } else { reading.position_error + walked };
+    led.dot(&walked) > 0.5 * walked.norm_squared()
+}
+
+fn judge_spare(
+    core: &Core,
+    sources: &mut SourceSet,
+    now: AutopilotTime,
+    s: &GnssSample,
+) -> Result<(Standing, FixReading), GnssFault> {
+    sources.gnss.spare.admit(s)?;
+    let position = s.position.ok_or(GnssFault::NoFix)?;
+    let environment = core.surroundings.environment().ok_or(GnssFault::Untimely)?;
+    let measured = sources.gnss.measured(now, s)?;
+    let context = Context { core, facts: sources.facts(core) };
+    let reading = sources.gnss.observe(s, measured, environment.frame.to_ned(&position), &context)?;
+    let expected = expectation(&reading, &context);
+    let position_ne = reading.position_ned.xy();
+    let standing =
+        sources.gnss.spare.judge(reading.measured, position_ne, reading.velocity_ne, Some(expected))?;
+    Ok((standing, reading))
+}
+
+/// Two receivers that both pass: how far they are apart.
+fn compare(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, receiver: u8, spare: &FixReading) {
+    let gnss = &mut sources.gnss;
+    let in_use = gnss.receiver();
+    let Some(disagree) = gnss.compare(spare) else { return };
+    for id in [in_use, receiver].map(id_of) {
+        if disagree {
+            judge::accuse(core, now, id, Charge::FitsBadly);
+        } else if core.statuses.charge(id) == Some(Charge::FitsBadly) {
+            judge::acquit(core, now, id);
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! A receiver that lies, told and left, and taken back: each kind put into a recorded flight with flow.
+
+use crate::command::{COPTER, holdover, sitl_log};
+use serde_json::Value;
+
+/// When the lie begins and ends, s.
+const FROM_S: f64 = 270.0;
+const TO_S: f64 = 310.0;
+
+struct Told {
+    report: Value,
+}
+
+impl Told {
+    fn of(fault: &str) -> Self {
+        let log = sitl_log(COPTER);
+        let fault = format!("{fault}@{FROM_S}..{TO_S}");
+        Self { report: holdover(&["replay", log.to_str().unwrap(), "--json", "--fault", &fault]).json() }
+    }
+
+    /// Events of a code from the lie's beginning on: time and text.
+    fn events(&self, code: &str) -> Vec<(f64, String)> {
+        let told = |e: &Value| Some((e["t_s"].as_f64()?, e["text"].as_str()?.to_owned()));
+        let all = self.report["events"].as_array().unwrap().iter();
+        all.filter(|e| e["code"] == code).filter_map(told).filter(|(t, _)| *t >= FROM_S).collect()
+    }
+
+    /// When GNSS was left, and when it was joined again.
+    fn holdover(&self) -> (f64, f64) {
+        let modes = self.events("mode");
+        let time = |words: &str| modes.iter().find(|(_, text)| text.contains(words)).map(|(t, _)| *t);
+        (time("-> Holdover").unwrap(), time("-> Rejoining").unwrap())
+    }
+}
+
+#[test]
+fn every_lie_is_left_before_it_does_harm_and_its_end_is_taken_in_seconds() {
+    // What is put in, within which time it is left, what it is charged with, and how long after its end GNSS is back.
+    let lies = [
+        ("gnss:jump=5", 2.0, "contradicts inertia", 5.0),
+        ("gnss:jump=12", 2.0, "contradicts inertia", 5.0),
+        ("gnss:walk=0.5", 15.0, "", 15.0),
+        ("gnss:walkboth=0.5", 30.0, "contradicts flow", 15.0),
+        ("gnss:walkboth=1.2", 8.0, "contradicts flow", 15.0),
+        ("gnss:freeze", 3.0, "", 5.0),
+        ("gnss:spoofed", 1.0, "says so itself", 5.0),
+        ("gnss:jammed", 1.0, "says so itself", 5.0),
+        ("gnss:nofix", 2.0, "", 5.0),
+    ];
+    for (lie, within_s, charge, back_s) in lies {
+        let told = Told::of(lie);
+        let (left, joined) = told.holdover();
+        assert!(left < FROM_S + within_s, "{lie}: left after {} s", left - FROM_S);
+        assert!(joined > TO_S && joined < TO_S + back_s, "{lie}: back {} s after its end", joined - TO_S);
+        let accused = told.events("source-accused");
+        if lie != "gnss:nofix" {
+            assert!(accused[0].0 < FROM_S + within_s && accused[0].1.contains(charge), "{lie}: {accused:?}");
+            let acquitted = told.events("source-acquitted");
+            assert!(acquitted.iter().any(|(t, _)| *t <= joined), "{lie}: {acquitted:?}");
+        }
+        let gnss = told.report["sources"].as_array().unwrap().iter().find(|s| s["kind"] == "gnss").unwrap();
+        assert_eq!(gnss["health"], "healthy", "{lie}: nothing is held against it in the end");
+        assert_eq!(gnss["charge"], Value::Null, "{lie}");
+    }
+}
+
+#[test]
+fn a_fix_that_comes_and_goes_is_used_while_it_is_there_and_waited_for_longer_each_time() {
+    let told = Told::of("gnss:flap=10");
+    let modes = told.events("mode");
+    let times =
+        |words: &str| modes.iter().filter(|(_, m)| m.contains(words)).map(|(t, _)| *t).collect::<Vec<_>>();
+    let (lost, back) = (times("-> Holdover"), times("-> Rejoining"));
+    assert!(lost.len() >= 3 && back.len() >= 3, "{modes:?}");
+    let waited: Vec<f64> = lost.iter().zip(&back).map(|(l, b)| b - l).collect();
+    assert!(waited[2] > waited[0] + 1.0 && waited.iter().all(|w| *w < 15.0), "{waited:?}");
+}
+
+#[test]
+fn an_honest_receiver_is_never_accused() {
+    for log in ["ardupilot-copter-baro-faults", COPTER, "px4-quad-gps-loss", "ardupilot-plane-survey-light"] {
+        let log = sitl_log(log);
+        let report = holdover(&["replay", log.to_str().unwrap(), "--json"]).json();
+        let events = report["events"].as_array().unwrap();
+        let accused = |e: &&Value| {
+            e["code"] == "source-accused" && e["text"].as_str().is_some_and(|t| t.starts_with("GNSS"))
+        };
+        assert_eq!(events.iter().find(accused), None);
+    }
+}
