@@ -44,6 +44,11 @@ const TABLES: &[Table] = &[
     Table { name: "what_happened", layout: Layout::Sections(&["What happened", "Outages, "]), quick: &[] },
     Table { name: "events", layout: Layout::Events, quick: &[] },
     Table { name: "evaluate", layout: Layout::Lines(|_| true), quick: &[] },
+    Table {
+        name: "stress",
+        layout: Layout::Lines(|line| !line.contains(": not in it: ")),
+        quick: &[("--starts 3", "--starts 1")],
+    },
     Table { name: "recordings", layout: Layout::Flights(recordings), quick: &[] },
     Table { name: "recordings_without_flow", layout: Layout::Flights(without_flow), quick: &[] },
     Table { name: "aided", layout: Layout::Json(aided), quick: &[] },

@@ -9,5 +9,6 @@
 #[path = "../support/command.rs"]
 mod command;
 
+mod any_list;
 mod by_command;
 mod gnss;

@@ -291,9 +291,11 @@ fn check_prints_the_defaults_and_the_reference() {
     );
 }
 
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 16] = [
     "log",
     "duration_s",
+    "events",
+    "faults",
     "frames",
     "skipped_bytes",
     "bad_crc",
@@ -317,7 +319,7 @@ const AIDED: [&str; 6] = [
     "yaw_rmse_deg",
     "altitude_rmse_m",
 ];
-const OUTAGE: [&str; 9] = [
+const OUTAGE: [&str; 11] = [
     "start_s",
     "end_s",
     "distance_m",
@@ -326,6 +328,8 @@ const OUTAGE: [&str; 9] = [
     "drift_percent",
     "altitude_rmse_m",
     "sigma_end_m",
+    "worst_sigmas",
+    "lost_at_s",
     "sent_messages",
 ];
 
