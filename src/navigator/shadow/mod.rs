@@ -6,8 +6,8 @@
 //!        -> factor: how many times its claimed growth that is -> drift, by what carried -> growth of an outage's covariance, times its factor
 //! ```
 //!
-//! Two run at a time: one with whatever carries, for 10 s and in turns for up to 120 s, and one that coasts on inertia alone for 10 s, since what
-//! carries may end, too. The filter of an outage is left as it is: its gains weigh one source against another, and were they changed with
+//! Two run at a time: one with whatever carries, for 10 s and in turns for up to 120 s, and one that goes on without it, since what carries may end,
+//! too: on inertia alone for 10 s, and in turns, where flow carries, without flow for 10 and 30 s, on the air or on whatever is left. The filter of an outage is left as it is: its gains weigh one source against another, and were they changed with
 //! the factors, a magnetometer or a height that is wrong would gain weight. It is what is published that is multiplied.
 
 mod drift;
@@ -28,7 +28,7 @@ use super::observation::Observation;
 use super::solution::{Mode, VelocitySource};
 use super::sources::{airspeed, drag};
 use super::timeline::Timeline;
-use crate::navigator::tuning::shadow::{FIX_NOISE_FIXES, FLIES_M, FLIES_MPS, HORIZONS_S, TURNS, WANDER_S};
+use crate::navigator::tuning::shadow::{FIX_NOISE_FIXES, FLIES_M, FLIES_MPS, HORIZONS_S, WANDER_S};
 pub use drift::MeasuredDrift;
 pub(super) use drift::ProvenDrift;
 use factor::DriftError;
@@ -55,15 +55,14 @@ struct Slot {
     run: Option<Box<Run>>,
     /// The run goes on, to this horizon.
     going: Option<usize>,
-    goes: Goes,
-    /// How far the runs go, in turns, and whose turn it is.
-    turns: &'static [usize],
+    /// With what the runs go and how far, in turns, and whose turn it is.
+    turns: &'static [(Goes, usize)],
     turn: usize,
 }
 
 impl Slot {
-    fn new(goes: Goes, turns: &'static [usize]) -> Self {
-        Self { run: None, going: None, goes, turns, turn: 0 }
+    fn new(turns: &'static [(Goes, usize)]) -> Self {
+        Self { run: None, going: None, turns, turn: 0 }
     }
 
     fn going(&mut self) -> Option<&mut Run> {
@@ -71,16 +70,21 @@ impl Slot {
     }
 
     /// Begins the next run at the filter, if none goes on.
-    fn restart(&mut self, now: AutopilotTime, filter: &ErrorStateStage) {
+    fn restart(&mut self, now: AutopilotTime, filter: &ErrorStateStage, present: &Present) {
         if self.going.is_some() {
             return;
         }
-        let run = Run::start(now, filter, self.goes);
+        let (goes, horizon) = match self.turns[self.turn % self.turns.len()] {
+            // Where flow does not carry that is the other place's.
+            (Goes::WithoutFlow, _) if present.carrier != VelocitySource::Flow => (Goes::Coasting, 0),
+            turn => turn,
+        };
+        let run = Run::start(now, filter, goes);
         match &mut self.run {
             Some(place) => **place = run,
             None => self.run = Some(Box::new(run)),
         }
-        self.going = Some(self.turns[self.turn % self.turns.len()]);
+        self.going = Some(horizon);
     }
 
     /// The run has reached this horizon.
@@ -91,6 +95,20 @@ impl Slot {
         }
     }
 }
+
+/// With all that carries: most of the runs are short, so that there are many; up to horizon i of [`HORIZONS_S`].
+const CARRIED: [(Goes, usize); 7] = [
+    (Goes::Carried, 0),
+    (Goes::Carried, 0),
+    (Goes::Carried, 1),
+    (Goes::Carried, 0),
+    (Goes::Carried, 2),
+    (Goes::Carried, 0),
+    (Goes::Carried, 3),
+];
+/// With what is left when that ends.
+const LEFT: [(Goes, usize); 4] =
+    [(Goes::Coasting, 0), (Goes::WithoutFlow, 0), (Goes::Coasting, 0), (Goes::WithoutFlow, 1)];
 
 /// See the module's documentation.
 #[derive(Clone, Debug)]
@@ -131,10 +149,10 @@ struct FixSeen {
 impl Shadows {
     pub(super) fn new() -> Self {
         Self {
-            slots: [Slot::new(Goes::Carried, &TURNS), Slot::new(Goes::Coasting, &[0])],
+            slots: [Slot::new(&CARRIED), Slot::new(&LEFT)],
             drift: ProvenDrift::new(),
             fix_noise: FixNoise::default(),
-            present: Present { carrier: VelocitySource::Inertial, flies: false },
+            present: Present { carrier: VelocitySource::Inertial, air: false, flies: false },
             trusted: false,
         }
     }
@@ -175,7 +193,8 @@ impl Shadows {
         }
         let above_m = input.height_m.zip(facts.ground).map(|(h, ground)| h - ground.height_m);
         let flies = !facts.resting && (speed_mps > FLIES_MPS || above_m.is_some_and(|h| h > FLIES_M));
-        self.present = Present { carrier: carrier(facts, s.time), flies };
+        let air = airspeed::carries(facts, s.time) || drag::carries(facts, s.time);
+        self.present = Present { carrier: carrier(facts, s.time), air, flies };
         for slot in &mut self.slots {
             if let Some(run) = slot.going()
                 && !run.step(s, dt, input.environment, input.height_m, &self.present)
@@ -215,7 +234,6 @@ impl Shadows {
         environment: &LocalEnvironment,
     ) {
         for slot in &mut self.slots {
-            let goes = slot.goes;
             let Some(run) = slot.going() else { continue };
             let age_s = run.age_s(fix.measured);
             let horizon = run.horizon;
@@ -224,8 +242,9 @@ impl Shadows {
             }
             run.horizon += 1;
             // Where nothing carries both coast, and the same is not counted twice.
-            let twice =
-                |s: &VelocitySource| *s == VelocitySource::Inertial && goes == Goes::Carried && horizon == 0;
+            let twice = |s: &VelocitySource| {
+                *s == VelocitySource::Inertial && run.goes == Goes::Carried && horizon == 0
+            };
             let factor = run.carrier().filter(|s| !twice(s)).and_then(|s| self.drift.of_mut(s));
             if let Some(factor) = factor {
                 let drifted = run.drifted(now, fix.measured, &fix.error, filter, environment);
@@ -247,6 +266,7 @@ impl Shadows {
         if !self.trusted {
             return;
         }
-        self.slots.iter_mut().for_each(|slot| slot.restart(now, filter));
+        let present = self.present;
+        self.slots.iter_mut().for_each(|slot| slot.restart(now, filter, &present));
     }
 }

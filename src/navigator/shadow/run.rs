@@ -20,6 +20,8 @@ use crate::navigator::tuning::shadow::{
 pub(super) enum Goes {
     /// Everything but GNSS.
     Carried,
+    /// The same without flow.
+    WithoutFlow,
     /// Inertia, magnetometer and height.
     Coasting,
 }
@@ -29,6 +31,8 @@ pub(super) enum Goes {
 pub(super) struct Present {
     /// What would carry an outage now.
     pub(super) carrier: VelocitySource,
+    /// Airspeed or drag can carry.
+    pub(super) air: bool,
     /// The vehicle is in the air.
     pub(super) flies: bool,
 }
@@ -55,7 +59,7 @@ struct CarriedSeconds {
 #[derive(Clone, Debug)]
 pub(super) struct Run {
     stage: ErrorStateStage,
-    goes: Goes,
+    pub(super) goes: Goes,
     started: AutopilotTime,
     /// Of the position at the start, NE, m².
     start: Matrix2<f64>,
@@ -116,6 +120,8 @@ impl Run {
         self.mean.impulse += s.specific_force.raw() * dt;
         let seconds = match present.carrier {
             _ if self.goes == Goes::Coasting => &mut self.carried.inertial,
+            _ if self.goes == Goes::WithoutFlow && present.air => &mut self.carried.air,
+            _ if self.goes == Goes::WithoutFlow => &mut self.carried.inertial,
             VelocitySource::Flow => &mut self.carried.flow,
             VelocitySource::Airspeed | VelocitySource::Drag => &mut self.carried.air,
             _ => &mut self.carried.inertial,
@@ -159,9 +165,13 @@ impl Run {
             Observation::Fix { .. } | Observation::Pose { .. } => false,
             Observation::Magnetic { .. } | Observation::Standstill { .. } => true,
             // As in an outage: a flow that carries knows the velocity better than gusts let the drag know it.
-            Observation::Drag { .. } => self.goes == Goes::Carried && present.carrier != VelocitySource::Flow,
+            Observation::Drag { .. } => match self.goes {
+                Goes::Carried => present.carrier != VelocitySource::Flow,
+                Goes::WithoutFlow => true,
+                Goes::Coasting => false,
+            },
             Observation::Flow { .. } => self.goes == Goes::Carried && now >= self.flow_due,
-            Observation::Airspeed { .. } => self.goes == Goes::Carried,
+            Observation::Airspeed { .. } => self.goes != Goes::Coasting,
         };
         if takes && matches!(observation, Observation::Flow { .. }) {
             self.flow_due = now + Span::from_seconds(FLOW_PERIOD_S);

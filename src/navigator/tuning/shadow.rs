@@ -2,8 +2,6 @@
 
 /// Ages of a dead reckoning at which it is compared with GNSS, s.
 pub(in crate::navigator) const HORIZONS_S: [f64; 4] = [10.0, 30.0, 60.0, 120.0];
-/// Up to which of them what carries is followed, in turns: the short ones teach soon, the long ones what the short ones do not show.
-pub(in crate::navigator) const TURNS: [usize; 7] = [0, 0, 1, 0, 2, 0, 3];
 /// What an outage of up to this would come to is told in a line, s.
 pub(in crate::navigator) const TOLD_S: f64 = 60.0;
 /// The IMU is averaged over this long for a shadow, s …
