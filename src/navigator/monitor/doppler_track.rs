@@ -61,6 +61,8 @@ pub(in super::super) struct DopplerTrack {
     /// Sum of the steps since it was accepted, NE, m, and whether it has run away since.
     steps_ne: Vector2<f64>,
     ran: bool,
+    /// It was sound on the way that is remembered.
+    was_sound: bool,
 }
 
 impl DopplerTrack {
@@ -80,6 +82,7 @@ impl DopplerTrack {
             run_away_ne: Vector2::zeros(),
             steps_ne: Vector2::zeros(),
             ran: false,
+            was_sound: false,
         }
     }
 
@@ -88,7 +91,7 @@ impl DopplerTrack {
         self.marks.clear();
         (self.oldest, self.newest, self.since) = (0, None, None);
         self.run_away_ne = Vector2::zeros();
-        (self.steps_ne, self.ran) = (Vector2::zeros(), false);
+        (self.steps_ne, self.ran, self.was_sound) = (Vector2::zeros(), false, false);
         self.nothing_pends();
     }
 
@@ -133,6 +136,7 @@ impl DopplerTrack {
         let astray = self.stepped();
         let sound = sound && !astray && !self.ran;
         let here = TrackMark { time, position_ne, travelled_ne, velocity_ne, sound, astray };
+        self.was_sound |= sound;
         self.newest = Some(here);
         if stepped {
             // Positions before and after a step are not comparable, but for those before one that is undone.
@@ -155,6 +159,10 @@ impl DopplerTrack {
     /// How far it was displaced, by jumps or by running away, since it was accepted, m, and how much of that may be the usual wander, m: what
     /// jumped has not wandered.
     pub(in super::super) fn displaced(&self) -> Option<(f64, f64)> {
+        if !self.was_sound {
+            // Who was never sound on this way has not left it.
+            return None;
+        }
         if self.ran {
             let (apart, age) = self.apart()?;
             return Some((apart, self.limit_m(age)));
