@@ -54,7 +54,7 @@ pub(super) fn weigh(
 }
 
 /// The filter goes back to `since` and comes forward on inertia; what is published stays where it is and follows.
-fn take_back(core: &mut Core, since: AutopilotTime) {
+pub(super) fn take_back(core: &mut Core, since: AutopilotTime) {
     let (Some(now), Some(environment)) = (core.stream.newest(), core.surroundings.environment()) else {
         return;
     };

@@ -19,6 +19,7 @@
 //! magnetometer and height, and its covariance grows; beside it Fusini's dead-reckoning observer goes on from Grip's state with the gyro bias
 //! frozen, which is what is published where the observers navigate alone (`nlo`), with an error budget.
 
+mod air_judge;
 mod context;
 mod core;
 mod environment;

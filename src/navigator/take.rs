@@ -20,7 +20,7 @@ use super::sources::flow::{FlowInput, MeasuredFlow, PatchArrival};
 use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
-use super::{Mode, Navigator, flow_judge, heading_turn, receivers, relative};
+use super::{Mode, Navigator, air_judge, flow_judge, heading_turn, receivers, relative};
 use crate::navigator::tuning::hole::LOST_YAW;
 
 impl Navigator {
@@ -54,10 +54,13 @@ impl Navigator {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         match self.sources.airspeed.observe(s, &context) {
             Err(reason) => Verdict::Rejected(reason),
-            Ok(observation) => {
+            Ok(measured) => {
+                if let Err(reason) = air_judge::weigh(&mut self.core, &mut self.sources, &measured) {
+                    return Verdict::Rejected(reason);
+                }
                 let now = self.core.stream.newest().unwrap_or(s.time);
-                let fused = self.fuse(now, SourceId::only(SourceKind::Airspeed), &observation);
-                self.sources.airspeed.fused(s.time, &fused)
+                let fused = self.fuse(now, SourceId::only(SourceKind::Airspeed), &measured.observation());
+                self.sources.airspeed.fused(s.time, &fused, &self.core)
             }
         }
     }

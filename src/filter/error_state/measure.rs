@@ -145,6 +145,12 @@ impl Eskf {
         self.fuse(&h, airspeed - expected, sigma * sigma)
     }
 
+    /// What an airspeed should be, m/s, and the variance of that, (m/s)². `None` when there is hardly any.
+    pub fn expected_airspeed(&self) -> Option<(f64, f64)> {
+        let (expected, h) = self.state.airspeed_row()?;
+        Some((expected, h.dot(&h.times(&self.p)).max(0.0)))
+    }
+
     /// A fixed wing flies nose first: the air comes from the side by no more than `sigma_rad`, (Rᵀ(v − w))_y = 0.
     ///
     /// # Errors

@@ -271,6 +271,15 @@ impl Eskf {
         self.state.flow[2] = scale;
     }
 
+    /// The wind is another by `change`, north and east, m/s, known to `sigma`; all else stays, and forgets what it had to do with the old one.
+    pub fn change_wind(&mut self, change: &Vector2<f64>, sigma: f64) {
+        self.propagate_covariance();
+        for axis in 0..2 {
+            self.decorrelate(WIND + axis, sigma);
+        }
+        self.state.wind_ne += change;
+    }
+
     /// Whether everything is finite. The covariance's part of it is found where the covariance changes, which is not at every sample.
     pub fn is_finite(&self) -> bool {
         self.sound && self.state.is_finite()

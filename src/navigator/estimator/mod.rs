@@ -6,6 +6,7 @@
 //!
 //! SourceSet give [`Observation`]s; nobody else changes the estimate.
 
+mod air;
 mod error_state;
 mod exogenous;
 mod heading;

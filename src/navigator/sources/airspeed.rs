@@ -3,15 +3,21 @@
 //! With GNSS the filter learns the wind and the airspeed's scale in turns; without, airspeed and heading less the wind are a velocity
 //! whose error grows as slowly as the wind changes.
 
+use nalgebra::Vector3;
+
 use crate::geo::atmosphere::true_airspeed_factor;
 use crate::sample::{Airframe, AirspeedSample};
 use crate::time::AutopilotTime;
 
 use super::super::context::{Context, SourceFacts};
+use super::super::core::Core;
 use super::super::observation::{Fused, Observation};
 use super::super::reset::Reset;
 use super::super::settings::Estimator;
 use super::super::verdict::{Reason, Verdict};
+use super::airspeed_refit::{Deviation, RefitPrior, WindRefit};
+pub(in super::super) use super::airspeed_watch::AirFinding;
+use super::airspeed_watch::{AirspeedWatch, WeighedAirspeed};
 use super::status::Measured;
 use crate::geo::NOMINAL_GRAVITY_MPS2;
 use crate::navigator::tuning::airspeed::{CARRIES_S, MAX_LOAD_G, SAMPLE_INTERVAL_S, STUCK_S};
@@ -37,6 +43,30 @@ pub(in super::super) struct AirspeedSource {
     /// Since when it has told the same, and what, m/s.
     same: Option<(AutopilotTime, f64)>,
     used: Option<AutopilotTime>,
+    watch: AirspeedWatch,
+    /// Whether another wind explains it, while GNSS is there.
+    refit: WindRefit,
+    /// GNSS was there when it was last weighed.
+    aided: bool,
+}
+
+/// An airspeed that can be weighed, and what it would be used as.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct MeasuredAirspeed {
+    pub(in super::super) time: AutopilotTime,
+    /// True airspeed and its noise, m/s.
+    pub(in super::super) speed_mps: f64,
+    sigma_mps: f64,
+    sideslip_sigma_rad: Option<f64>,
+    /// The load is one that lets it fly nose first.
+    nose_first: bool,
+}
+
+impl MeasuredAirspeed {
+    pub(in super::super) fn observation(&self) -> Observation {
+        let &Self { speed_mps, sigma_mps, sideslip_sigma_rad, .. } = self;
+        Observation::Airspeed { speed_mps, sigma_mps, sideslip_sigma_rad }
+    }
 }
 
 impl AirspeedSource {
@@ -49,7 +79,7 @@ impl AirspeedSource {
         &mut self,
         s: &AirspeedSample,
         context: &Context<'_>,
-    ) -> Result<Observation, Reason> {
+    ) -> Result<MeasuredAirspeed, Reason> {
         let core = context.core;
         let air = &core.settings.air;
         if !s.airspeed_mps.is_finite() {
@@ -75,9 +105,6 @@ impl AirspeedSource {
         let environment = core.surroundings.environment().ok_or(Reason::NoReferenceYet)?;
         let above_sea = environment.frame.origin().height_m + core.height.height_m().unwrap_or_default();
         let speed_mps = s.airspeed_mps * true_airspeed_factor(above_sea);
-        if speed_mps < air.min_mps {
-            return Err(Reason::TooSlow);
-        }
         if core.estimator.filter_state().is_none() {
             return Err(Reason::NoReferenceYet);
         }
@@ -86,12 +113,86 @@ impl AirspeedSource {
             .stream
             .last()
             .map_or(f64::INFINITY, |i| i.specific_force.raw().norm() / NOMINAL_GRAVITY_MPS2);
-        let nose_first = load < MAX_LOAD_G && air.sideslip_sigma_rad > 0.0;
-        Ok(Observation::Airspeed {
+        let nose_first = load < MAX_LOAD_G;
+        let sideslip_sigma_rad =
+            (nose_first && air.sideslip_sigma_rad > 0.0).then_some(air.sideslip_sigma_rad * often);
+        Ok(MeasuredAirspeed {
+            time: s.time,
             speed_mps,
             sigma_mps: air.sigma_mps * often,
-            sideslip_sigma_rad: nose_first.then_some(air.sideslip_sigma_rad * often),
+            sideslip_sigma_rad,
+            nose_first,
         })
+    }
+
+    /// Weighs what it tells against what the filter expects, while the vehicle flies.
+    pub(in super::super) fn weigh(
+        &mut self,
+        m: &MeasuredAirspeed,
+        context: &Context<'_>,
+    ) -> Option<AirFinding> {
+        let core = context.core;
+        let gnss = !core.dead_reckoning();
+        if gnss && !std::mem::replace(&mut self.aided, gnss) {
+            // What the wind did in the outage was not seen.
+            self.watch.doubt();
+        }
+        self.aided = gnss;
+        let air = &core.settings.air;
+        let flies = core.estimator.estimate().is_some_and(|(_, v)| v.xy().norm() > air.min_mps);
+        let expected = core.estimator.expected_airspeed().filter(|(mps, _)| *mps > air.min_mps);
+        // Before it has told an airspeed there is none that it could have lost.
+        let begun = self.used.is_some() || self.watch.is_astray();
+        let Some((expected, variance)) = expected.filter(|_| flies && begun) else {
+            self.watch.pause();
+            return None;
+        };
+        if let Some((force_ned, _)) = felt(core) {
+            self.watch.expect(expected, force_ned);
+        }
+        if !m.nose_first {
+            return None;
+        }
+        let tilt =
+            core.estimator.attitude_covariance().map_or(0.0, |c| (0.5 * (c[(0, 0)] + c[(1, 1)])).sqrt());
+        if self.watch.is_astray() && gnss {
+            let state = core.estimator.filter_state()?;
+            let air_ne = state.velocity_ned.xy() - state.wind_ne;
+            let off = m.speed_mps - expected;
+            let speed = state.air_velocity_body().norm();
+            let air = &core.settings.kalman.air;
+            let (wind, scale) = (air.wind_sigma, air.airspeed_scale_sigma);
+            let prior = RefitPrior { wind, scale, scale_now: state.airspeed_scale };
+            let deviation = Deviation { off, sigma: m.sigma_mps, air_ne, speed };
+            if let Some((change, sigma)) = self.refit.add(&deviation, &prior) {
+                self.watch.believe();
+                return Some(AirFinding::AnotherWind(change, sigma));
+            }
+        } else {
+            self.refit = WindRefit::default();
+        }
+        self.watch.weigh(&WeighedAirspeed {
+            time: m.time,
+            told: m.speed_mps,
+            expected,
+            variance,
+            tilt,
+            gusts: air.sigma_mps,
+            scale: core.settings.kalman.air.airspeed_scale_sigma,
+            gnss,
+        })
+    }
+
+    /// Whether it can be used.
+    pub(in super::super) fn stands(
+        &self,
+        m: &MeasuredAirspeed,
+        settings: &AirSettings,
+    ) -> Result<(), Reason> {
+        if !self.watch.fits() {
+            return Err(Reason::Innovation);
+        }
+        if m.speed_mps < settings.min_mps { Err(Reason::TooSlow) } else { Ok(()) }
     }
 
     /// Whether it has told the same for longer than air lets it; until it tells another.
@@ -102,9 +203,13 @@ impl AirspeedSource {
     }
 
     /// What became of an airspeed of this time.
-    pub(in super::super) fn fused(&mut self, time: AutopilotTime, fused: &Fused) -> Verdict {
+    pub(in super::super) fn fused(&mut self, time: AutopilotTime, fused: &Fused, core: &Core) -> Verdict {
         if !fused.took(Measured::Airspeed) {
             return Verdict::Rejected(Reason::Innovation);
+        }
+        if let Some(((expected, _), (force_ned, along))) = core.estimator.expected_airspeed().zip(felt(core))
+        {
+            self.watch.followed(expected, &force_ned, &along);
         }
         self.used = Some(time);
         Verdict::Used
@@ -115,6 +220,14 @@ impl AirspeedSource {
             *self = Self::default();
         }
     }
+}
+
+/// The newest specific force by the filter's attitude and bias, NED, m/s², and the direction of the velocity through the air.
+fn felt(core: &Core) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let (state, last) = core.estimator.filter_state().zip(core.stream.last())?;
+    let air_ned = state.r_body_to_ned * state.air_velocity_body();
+    let along = air_ned.try_normalize(1e-3)?;
+    Some((state.r_body_to_ned * (last.specific_force.raw() - state.accel_bias), along))
 }
 
 /// Whether airspeed carries the velocity at present.

@@ -4,6 +4,8 @@
 //! estimator. To add one: a file here, an arm in `SourceKind`, and a line where its samples come in.
 
 pub mod airspeed;
+mod airspeed_refit;
+mod airspeed_watch;
 pub(super) mod barometer;
 mod compass_step;
 pub mod drag;

@@ -20,6 +20,28 @@ pub(in crate::navigator) mod airspeed {
     pub(in crate::navigator) const MAX_LOAD_G: f64 = 2.5;
     /// An airspeed carries the velocity for this long, s.
     pub(in crate::navigator) const CARRIES_S: f64 = 2.0;
+    /// It deviates from what is expected of it by the mean of this long, s, after a gap of no more than this, s; what it has moved that by is
+    /// remembered for this long, s, and it lasts at the mean of this long, s. Usual deviations are known after this long, s, and forgotten in this, s; what was taken for usual before counts as
+    /// much as this long of them, s.
+    pub(in crate::navigator) const MEAN_S: f64 = 1.0;
+    pub(in crate::navigator) const MOVED_S: f64 = 5.0;
+    pub(in crate::navigator) const LASTING_S: f64 = 20.0;
+    /// What is beyond this part of its limit (3 of its 4 sigmas) teaches no more than that.
+    pub(in crate::navigator) const LEARNED: f64 = 0.75;
+    pub(in crate::navigator) const PRIOR_S: f64 = 3.0;
+    pub(in crate::navigator) const LONGEST_GAP_S: f64 = 1.0;
+    pub(in crate::navigator) const USUAL_S: f64 = 10.0;
+    pub(in crate::navigator) const SPREAD_S: f64 = 120.0;
+    /// It is astray beyond so many sigmas of the deviation, and of the scale's prior, for this long, s.
+    pub(in crate::navigator) const SIGMAS: f64 = 4.0;
+    pub(in crate::navigator) const SCALE_SIGMAS: f64 = 3.0;
+    pub(in crate::navigator) const STANDS_S: f64 = 1.0;
+    /// It is back within so many sigmas for this long, s; without GNSS only while they are less than this part of what it was astray by.
+    pub(in crate::navigator) const BACK_SIGMAS: f64 = 2.0;
+    pub(in crate::navigator) const BACK_S: f64 = 5.0;
+    pub(in crate::navigator) const BACK: f64 = 0.5;
+    /// Another wind is believed where it is known to this, m/s.
+    pub(in crate::navigator) const WIND_KNOWN_MPS: f64 = 1.0;
 }
 
 /// Barometers.
