@@ -2,7 +2,7 @@
 //!
 //! A tube that is wrong by a scale is so on every heading, a wind by its part along the heading. What the tube deviates by,
 //! e = −Δw·û + Δk V (û the direction and V the speed through the air, Δw the change of the wind, Δk that of the scale), is solved for Δw
-//! and Δk by least squares with their priors while GNSS tells the velocity: a flight on one heading tells neither, a turn tells both.
+//! and Δk by least squares while GNSS tells the velocity: a flight on one heading tells neither, a turn tells both.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -18,7 +18,7 @@ pub(super) struct Deviation {
     pub(super) speed: f64,
 }
 
-/// What is known before, 1 sigma: the wind, m/s, and the scale, and what the filter has the scale at.
+/// What is known before, 1 sigma: the wind, m/s, and the scale of a sound tube, and what the filter has the scale at.
 pub(super) struct RefitPrior {
     pub(super) wind: f64,
     pub(super) scale: f64,
@@ -43,12 +43,14 @@ impl WindRefit {
         self.right += row * (d.off * weight);
         self.squares += d.off * d.off * weight;
         self.n += 1.0;
-        let known = Vector3::new(prior.wind, prior.wind, prior.scale).map(|s| 1.0 / s.powi(2));
+        // Whether the tube is sound is the question: its scale may be anything until a turn has shown it.
+        let known = Vector3::new(prior.wind, prior.wind, 1.0).map(|s| 1.0 / s.powi(2));
         let covariance = (self.information + Matrix3::from_diagonal(&known)).try_inverse()?;
         let found = covariance * self.right;
         let sigma = covariance[(0, 0)].max(covariance[(1, 1)]).sqrt();
         let explained = self.squares - self.right.dot(&found) < self.n;
-        let scaled = (prior.scale_now + found.z).abs() < SCALE_SIGMAS * prior.scale;
+        let scaled = covariance[(2, 2)].sqrt() < prior.scale
+            && (prior.scale_now + found.z).abs() < SCALE_SIGMAS * prior.scale;
         (sigma < WIND_KNOWN_MPS && explained && scaled).then_some((found.xy(), sigma))
     }
 }
@@ -57,12 +59,12 @@ impl WindRefit {
 mod tests {
     use super::*;
 
-    /// Flies at 20 m/s, from 40 s on with a turn of a quarter of a circle; what is found, and when.
+    /// Flies at 20 m/s, from 40 s on in a circle; what is found, and when.
     fn fly(turns: bool, off: impl Fn(Vector2<f64>) -> f64) -> Option<(f64, Vector2<f64>)> {
         let mut refit = WindRefit::default();
         (0..600).find_map(|k| {
             let t = f64::from(k) * 0.2;
-            let course = if turns { (0.1 * (t - 40.0)).clamp(0.0, 1.57) } else { 0.0 };
+            let course = if turns { (0.1 * (t - 40.0)).clamp(0.0, 6.28) } else { 0.0 };
             let air_ne = Vector2::new(course.cos(), course.sin()) * 20.0;
             let d = Deviation { off: off(air_ne), sigma: 2.0, air_ne, speed: 20.0 };
             let prior = RefitPrior { wind: 6.0, scale: 0.05, scale_now: 0.0 };
