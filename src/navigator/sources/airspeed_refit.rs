@@ -64,7 +64,7 @@ mod tests {
         let mut refit = WindRefit::default();
         (0..600).find_map(|k| {
             let t = f64::from(k) * 0.2;
-            let course = if turns { (0.1 * (t - 40.0)).clamp(0.0, 6.28) } else { 0.0 };
+            let course = if turns { (0.1 * (t - 40.0)).clamp(0.0, std::f64::consts::TAU) } else { 0.0 };
             let air_ne = Vector2::new(course.cos(), course.sin()) * 20.0;
             let d = Deviation { off: off(air_ne), sigma: 2.0, air_ne, speed: 20.0 };
             let prior = RefitPrior { wind: 6.0, scale: 0.05, scale_now: 0.0 };
