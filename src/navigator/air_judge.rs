@@ -7,6 +7,7 @@
 
 use super::context::Context;
 use super::core::Core;
+use super::estimator::change_wind;
 use super::flow_judge::take_back;
 use super::judge::{self, Charge};
 use super::sources::SourceSet;
@@ -30,7 +31,7 @@ pub(super) fn weigh(core: &mut Core, sources: &mut SourceSet, m: &MeasuredAirspe
         }
         Some(AirFinding::Back) => judge::acquit(core, m.time, TUBE),
         Some(AirFinding::AnotherWind(change, sigma)) => {
-            core.estimator.change_wind(&change, sigma);
+            change_wind(&mut core.estimator, &change, sigma);
             judge::acquit(core, m.time, TUBE);
         }
         None => {}

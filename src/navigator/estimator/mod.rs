@@ -36,6 +36,7 @@ use super::timeline::Timeline;
 
 use crate::navigator::tuning::estimator::{AIDED_SPEED_SIGMA, UNKNOWN_SPEED_SIGMA};
 use crate::navigator::tuning::observer::WAIT_FOR_MAGNETOMETER_S;
+pub(super) use air::{change_wind, expected_airspeed};
 use error_state::StartSigmas;
 pub(super) use error_state::{ErrorStateStage, FilterPast, StartPoint};
 use exogenous::ExogenousStage;

@@ -11,6 +11,7 @@ use crate::time::AutopilotTime;
 
 use super::super::context::{Context, SourceFacts};
 use super::super::core::Core;
+use super::super::estimator::expected_airspeed;
 use super::super::observation::{Fused, Observation};
 use super::super::reset::Reset;
 use super::super::settings::Estimator;
@@ -140,7 +141,7 @@ impl AirspeedSource {
         self.aided = gnss;
         let air = &core.settings.air;
         let flies = core.estimator.estimate().is_some_and(|(_, v)| v.xy().norm() > air.min_mps);
-        let expected = core.estimator.expected_airspeed().filter(|(mps, _)| *mps > air.min_mps);
+        let expected = expected_airspeed(&core.estimator).filter(|(mps, _)| *mps > air.min_mps);
         // Before it has told an airspeed there is none that it could have lost.
         let begun = self.used.is_some() || self.watch.is_astray();
         let Some((expected, variance)) = expected.filter(|_| flies && begun) else {
@@ -207,7 +208,7 @@ impl AirspeedSource {
         if !fused.took(Measured::Airspeed) {
             return Verdict::Rejected(Reason::Innovation);
         }
-        if let Some(((expected, _), (force_ned, along))) = core.estimator.expected_airspeed().zip(felt(core))
+        if let Some(((expected, _), (force_ned, along))) = expected_airspeed(&core.estimator).zip(felt(core))
         {
             self.watch.followed(expected, &force_ned, &along);
         }
