@@ -230,8 +230,9 @@ impl FlowSource {
             sensor.witness.forget();
             return sensor.astray.take().map(|_| FlowFinding::Back);
         }
-        if sensor.astray.is_none() && !sensor.may_carry(core) {
-            // Nobody builds on it.
+        let weighed = sensor.may_carry(core) && core.estimator.has_error_state();
+        if sensor.astray.is_none() && !weighed {
+            // Nobody builds on it; or an observer alone does, whose tilt is no witness, and which could take nothing back.
             sensor.witness.forget();
             return None;
         }
