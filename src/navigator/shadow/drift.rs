@@ -37,7 +37,7 @@ pub struct MeasuredDrift {
 }
 
 impl MeasuredDrift {
-    /// Which of them to tell in a line: of what would carry now the longest that was measured, up to [`TOLD_S`], or that none was.
+    /// Which of them to tell in a line: of what would carry now the longest that was measured, up to a minute, or that none was.
     pub fn to_tell(all: &[MeasuredDrift]) -> Option<MeasuredDrift> {
         let first = all.first()?;
         let mut told = all.iter().filter(|m| m.source == first.source && m.after_s <= TOLD_S).rev();
