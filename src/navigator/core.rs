@@ -23,6 +23,7 @@ use super::reset::Reset;
 use super::settings::{Estimator as Kind, FlowSettings, NavigatorSettings};
 use super::shadow;
 use super::solution::{Mode, VelocitySource};
+use super::sources::gnss::FixReading;
 use super::sources::status::{SourceId, StatusBoard};
 use super::stream::ImuStream;
 use super::timeline::Timeline;
@@ -262,6 +263,22 @@ impl Core {
         self.outage.begin_budget(&self.settings.holdover, start, &calibration(&self.settings.flow));
         self.outage.begin();
         self.change_mode(now, Mode::Holdover, TransitionReason::GnssLost(fault));
+    }
+
+    /// The estimate moves to a fix at once; the published position stays and glides after it.
+    pub(super) fn go_to(&mut self, now: AutopilotTime, reading: &FixReading) {
+        let Some((before, _)) = self.estimator.estimate() else { return };
+        let e_v = reading.velocity_error.unwrap_or_default();
+        let shift = reading.position_error + e_v * now.seconds_since(reading.measured);
+        let shift = Vector3::new(shift.x, shift.y, 0.0);
+        let position_ne = (before + shift).xy();
+        let sigma = reading.sigma_on_return();
+        self.estimator.rejoin(&reading.innovation, &position_ne, reading.velocity_error.as_ref(), sigma);
+        if self.estimator.is_filtered() {
+            self.timeline.reset(&Reset::Relocated);
+        }
+        self.published.stays(&shift);
+        self.came_back(now);
     }
 
     /// GNSS is trusted again and the estimate has moved to it; the published position still stands where it was.

@@ -6,7 +6,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use crate::altimeter::Channel;
 use crate::geo::STANDARD_GRAVITY_MPS2;
@@ -19,7 +19,6 @@ use super::height::HeightReading;
 use super::judge::{self, Charge};
 use super::monitor::inertia_witness::Testimony;
 use super::monitor::plausibility::Plausible;
-use super::reset::Reset;
 use super::sources::gnss::FixReading;
 use super::sources::status::{SourceId, SourceKind};
 use super::verdict::Reason;
@@ -65,7 +64,8 @@ pub(super) fn hear_gnss(
 /// The IMU is not navigated on, and the fix is.
 pub(super) fn lose_to(core: &mut Core, now: AutopilotTime, reading: &FixReading) {
     lose(core, now);
-    follow(core, now, reading);
+    core.integrity.acquit(now);
+    core.go_to(now, reading);
 }
 
 /// A height of the first barometer. What the altimeter makes of it does not matter: it stands on the inertia that is in question.
@@ -113,19 +113,4 @@ fn lose(core: &mut Core, now: AutopilotTime) {
     judge::accuse(core, now, IMU, Charge::ContradictsOthers);
     let velocity = UNKNOWN_MPS2 * WRONG_FOR_S;
     core.estimator.doubt_motion(0.5 * velocity * WRONG_FOR_S, velocity);
-}
-
-/// The estimate goes to the fix, as on the way back from an outage.
-fn follow(core: &mut Core, now: AutopilotTime, reading: &FixReading) {
-    let Some((before, _)) = core.estimator.estimate() else { return };
-    let e_v = reading.velocity_error.unwrap_or_default();
-    let shift = reading.position_error + e_v * now.seconds_since(reading.measured);
-    let shift = Vector3::new(shift.x, shift.y, 0.0);
-    let position_ne = (before + shift).xy();
-    let sigma = reading.sigma_on_return();
-    core.estimator.rejoin(&reading.innovation, &position_ne, reading.velocity_error.as_ref(), sigma);
-    core.timeline.reset(&Reset::Relocated);
-    core.published.stays(&shift);
-    core.integrity.acquit(now);
-    core.came_back(now);
 }

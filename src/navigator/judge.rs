@@ -26,18 +26,9 @@ pub enum Charge {
     /// Flow shows otherwise.
     #[strum(serialize = "contradicts flow")]
     ContradictsFlow,
-    /// Airspeed or drag show otherwise.
-    #[strum(serialize = "contradicts the air")]
-    ContradictsAir,
-    /// The rate of climb is otherwise.
-    #[strum(serialize = "contradicts the climb")]
-    ContradictsClimb,
     /// Others of its kind, or all others together, show otherwise.
     #[strum(serialize = "contradicts the others")]
     ContradictsOthers,
-    /// It tells a fixed part or multiple of what is.
-    #[strum(serialize = "wrong scale")]
-    WrongScale,
     /// No vehicle of this class does that, or no sensor of this kind tells it.
     #[strum(serialize = "impossible")]
     Impossible,

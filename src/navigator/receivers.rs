@@ -63,7 +63,8 @@ pub(super) fn hear_flow(
     let gnss = &mut sources.gnss;
     let (flow, known) = (gnss.travel.at(reading.measured), gnss.travel.covariance());
     let was_walking = gnss.witness.walk().is_some();
-    gnss.witness.fix(reading.measured, reading.position_ned.xy(), flow, known);
+    let times = [reading.stamp, reading.measured];
+    gnss.witness.fix(times, reading.position_ned.xy(), flow, known);
     let Some(walk) = gnss.witness.walk().copied() else { return Ok(()) };
     if !was_walking {
         core.integrity.walks(walk.walked_ne);
@@ -146,7 +147,7 @@ fn judge_spare(
     let expected = expectation(&reading, &context);
     let position_ne = reading.position_ned.xy();
     let standing =
-        sources.gnss.spare.judge(reading.measured, position_ne, reading.velocity_ne, Some(expected))?;
+        sources.gnss.spare.judge(reading.stamp, position_ne, reading.velocity_ne, Some(expected))?;
     Ok((standing, reading))
 }
 

@@ -221,7 +221,7 @@ impl Navigator {
         receivers::hear_flow(&mut self.core, &mut self.sources, reading)?;
         let core = &mut self.core;
         let position_ne = reading.position_ned.xy();
-        let judged = core.integrity.judge(reading.measured, position_ne, reading.velocity_ne, expected);
+        let judged = core.integrity.judge(reading.stamp, position_ne, reading.velocity_ne, expected);
         let standing = match judged {
             Ok(standing) => standing,
             Err(fault) => {
@@ -279,19 +279,7 @@ impl Navigator {
             self.core.change_mode(now, Mode::Aligning, TransitionReason::HeadingLost);
             return;
         }
-        let core = &mut self.core;
-        let Some((before, _)) = core.estimator.estimate() else { return };
-        let e_v = reading.velocity_error.unwrap_or_default();
-        let shift = reading.position_error + e_v * now.seconds_since(reading.measured);
-        let shift = Vector3::new(shift.x, shift.y, 0.0);
-        let position_ne = (before + shift).xy();
-        let sigma = reading.sigma_on_return();
-        core.estimator.rejoin(&reading.innovation, &position_ne, reading.velocity_error.as_ref(), sigma);
-        if core.estimator.is_filtered() {
-            core.timeline.reset(&Reset::Relocated);
-        }
-        core.published.stays(&shift);
-        core.came_back(now);
+        self.core.go_to(now, reading);
     }
 
     /// The receiver's latency shows in how its velocity lags behind the inertial one.

@@ -47,7 +47,8 @@ impl WitnessBlock {
 
 #[derive(Clone, Copy, Debug)]
 struct LastFix {
-    time: AutopilotTime,
+    /// As stamped, and when it was measured.
+    times: [AutopilotTime; 2],
     position_ne: Vector2<f64>,
     flow: Option<FlowPlace>,
 }
@@ -132,21 +133,26 @@ impl GnssByFlow {
         self.walk = None;
     }
 
-    /// A fix, and where the flow had come to at its time; `known`: covariance of the calibration that testifies.
+    /// A fix, as stamped and when it was measured, and where the flow had come to then; `known`: covariance of the calibration that testifies.
     pub(in super::super) fn fix(
         &mut self,
-        time: AutopilotTime,
+        times: [AutopilotTime; 2],
         position_ne: Vector2<f64>,
         flow: Option<FlowPlace>,
         known: Option<&Matrix4<f64>>,
     ) {
-        let here = LastFix { time, position_ne, flow };
+        let here = LastFix { times, position_ne, flow };
         let Some(last) = self.last.replace(here) else { return };
-        let dt = time.seconds_since(last.time);
+        // What has been learned of the latency between is no motion: the flow is that of the receiver's own time.
+        let [dt, flown_s] = [0, 1].map(|i| times[i].seconds_since(last.times[i]));
         let pair = last.flow.zip(flow).filter(|(a, b)| a.stretch == b.stretch);
-        let Some(((a, b), known)) = pair.zip(known).filter(|_| dt > 0.0 && dt < FIX_HOLE_S) else { return };
+        let Some(((a, b), known)) = pair.zip(known).filter(|_| dt > 0.0 && dt < FIX_HOLE_S && flown_s > 0.0)
+        else {
+            return;
+        };
         let moved = position_ne - last.position_ne;
-        if (moved - (b.travelled_ne - a.travelled_ne)).norm() > JUMP_M {
+        let travelled = (b.travelled_ne - a.travelled_ne) * (dt / flown_s);
+        if (moved - travelled).norm() > JUMP_M {
             // A jump is none of its business, and tells nothing of a walk before and after.
             self.open = WitnessBlock::default();
             self.blocks.clear();
@@ -155,9 +161,9 @@ impl GnssByFlow {
         }
         let open = &mut self.open;
         open.seconds += dt;
-        open.gap_ne += moved - (b.travelled_ne - a.travelled_ne);
+        open.gap_ne += moved - travelled;
         // GNSS less flow: an error of the flow counts the other way.
-        open.sensitivity -= b.sensitivity - a.sensitivity;
+        open.sensitivity -= (b.sensitivity - a.sensitivity) * (dt / flown_s);
         if open.seconds >= BLOCK_S {
             let block = std::mem::take(open);
             self.close(block, known);
@@ -355,7 +361,7 @@ mod tests {
             travel.add(time, FlowTestimony { velocity_ne: r_xy * seen, sensitivity });
             if k % 4 == 0 {
                 let wander = Vector2::new((5.0 * t).sin(), (7.0 * t).cos()) * 0.1;
-                witness.fix(time, p + wander + lie(t), travel.at(time), Some(&known));
+                witness.fix([time; 2], p + wander + lie(t), travel.at(time), Some(&known));
                 if let Some(walk) = witness.walk() {
                     return Some((t, *walk));
                 }

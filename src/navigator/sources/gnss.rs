@@ -61,6 +61,8 @@ pub(in super::super) struct GnssSource {
 /// A fix in the local frame, and what was expected of it.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct FixReading {
+    /// As it is stamped: what lies between two of these is the receiver's own time, whatever is learned of its latency between.
+    pub(in super::super) stamp: AutopilotTime,
     /// When it was measured.
     pub(in super::super) measured: AutopilotTime,
     /// NED, m.
@@ -213,6 +215,7 @@ impl GnssSource {
             errors(&innovation, measured, &position_ned, velocity_ne, context);
         let claimed_m = s.horizontal_accuracy_m.unwrap_or(settings.gnss.default_accuracy_m);
         Ok(FixReading {
+            stamp: s.time,
             measured,
             position_ned,
             velocity_ne,

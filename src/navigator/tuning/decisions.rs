@@ -145,8 +145,9 @@ pub(in crate::navigator) mod gnss_by_flow {
     pub(in crate::navigator) const SPREAD: f64 = 1.5;
     pub(in crate::navigator) const FIRM: f64 = 20.0;
     pub(in crate::navigator) const MEMORY: f64 = 60.0;
-    /// It is accused beyond what happens once in 10^4 windows, and nothing is learned from it beyond once in 10^2.
-    pub(in crate::navigator) const DECADES: f64 = 4.0;
+    /// It is accused beyond what happens once in 10^5 windows: four end each second, overlapping by nearly all of their length, so that an hour
+    /// has some hundreds that are their own. Nothing is learned from it beyond once in 10^2.
+    pub(in crate::navigator) const DECADES: f64 = 5.0;
     pub(in crate::navigator) const DOUBT_DECADES: f64 = 2.0;
     /// The walk has to be a hundred times as likely as a change of the flow, ln.
     pub(in crate::navigator) const CLEAR_OF: f64 = 4.6;
