@@ -52,7 +52,7 @@ impl EstimatorStack {
 
     /// What the shadows have measured, whatever would carry now first.
     pub(in super::super) fn measured_drift(&self) -> Vec<MeasuredDrift> {
-        self.shadows.drift().measured(self.shadows.carrier())
+        self.shadows.measured()
     }
 
     /// By what the claimed covariances of position and velocity are to be multiplied without GNSS, while `source` carries: as the shadows have

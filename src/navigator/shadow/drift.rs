@@ -13,7 +13,7 @@ use crate::navigator::tuning::shadow::{HORIZONS_S, PRIOR_LOG2, PRIOR_LOG2_FLOW, 
 pub(super) const SOURCES: [VelocitySource; 3] =
     [VelocitySource::Flow, VelocitySource::Airspeed, VelocitySource::Inertial];
 
-/// Factors on standard deviations.
+/// Factors on standard deviations. Airspeed and drag are learned as one: no vehicle has both.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct ProvenDrift {
     flow: DriftFactor,
@@ -103,9 +103,15 @@ impl ProvenDrift {
         self.of(source).map_or(1.0, |factor| factor.at(age_s))
     }
 
-    /// What was measured, by age; of `first` also the ages at which nothing was, and it comes first.
-    pub(in super::super) fn measured(&self, first: VelocitySource) -> Vec<MeasuredDrift> {
-        let others = SOURCES.into_iter().filter(|s| !same(*s, first));
+    /// What was measured, by age; of `first` also the ages at which nothing was, and it comes first. `air` is which of airspeed and drag
+    /// the vehicle has.
+    pub(in super::super) fn measured(
+        &self,
+        first: VelocitySource,
+        air: VelocitySource,
+    ) -> Vec<MeasuredDrift> {
+        let all = [VelocitySource::Flow, air, VelocitySource::Inertial];
+        let others = all.into_iter().filter(|s| *s != first);
         let all = std::iter::once(first).chain(others).flat_map(|source| {
             let factor = self.of(source);
             HORIZONS_S.iter().enumerate().filter_map(move |(horizon, &after_s)| {
@@ -113,12 +119,6 @@ impl ProvenDrift {
                 Some(MeasuredDrift { source, after_s, error_m, times, factor: factor?.at(after_s) })
             })
         });
-        all.filter(|m| m.times > 0 || same(m.source, first)).collect()
+        all.filter(|m| m.times > 0 || m.source == first).collect()
     }
-}
-
-/// Airspeed and drag are learned as one: no vehicle has both.
-fn same(a: VelocitySource, b: VelocitySource) -> bool {
-    let air = |s| matches!(s, VelocitySource::Airspeed | VelocitySource::Drag);
-    a == b || (air(a) && air(b))
 }

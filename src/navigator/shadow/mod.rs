@@ -117,6 +117,8 @@ pub(super) struct Shadows {
     drift: ProvenDrift,
     fix_noise: FixNoise,
     present: Present,
+    /// Which of airspeed and drag was there last.
+    air: VelocitySource,
     /// GNSS is.
     trusted: bool,
 }
@@ -127,12 +129,19 @@ pub(super) fn carrier(facts: &SourceFacts, now: AutopilotTime) -> VelocitySource
         VelocitySource::Flow
     } else if facts.resting {
         VelocitySource::Standstill
-    } else if airspeed::carries(facts, now) {
-        VelocitySource::Airspeed
-    } else if drag::carries(facts, now) {
-        VelocitySource::Drag
     } else {
-        VelocitySource::Inertial
+        by_air(facts, now).unwrap_or(VelocitySource::Inertial)
+    }
+}
+
+/// Airspeed or drag, whichever can carry.
+fn by_air(facts: &SourceFacts, now: AutopilotTime) -> Option<VelocitySource> {
+    if airspeed::carries(facts, now) {
+        Some(VelocitySource::Airspeed)
+    } else if drag::carries(facts, now) {
+        Some(VelocitySource::Drag)
+    } else {
+        None
     }
 }
 
@@ -152,7 +161,8 @@ impl Shadows {
             slots: [Slot::new(&CARRIED), Slot::new(&LEFT)],
             drift: ProvenDrift::new(),
             fix_noise: FixNoise::default(),
-            present: Present { carrier: VelocitySource::Inertial, air: false, flies: false },
+            present: Present { carrier: VelocitySource::Inertial, air: None, flies: false },
+            air: VelocitySource::Drag,
             trusted: false,
         }
     }
@@ -167,9 +177,9 @@ impl Shadows {
         self.drift.recall(memory);
     }
 
-    /// What would carry an outage that began now.
-    pub(super) fn carrier(&self) -> VelocitySource {
-        self.present.carrier
+    /// What was measured, whatever would carry an outage that began now first.
+    pub(super) fn measured(&self) -> Vec<MeasuredDrift> {
+        self.drift.measured(self.present.carrier, self.air)
     }
 
     /// Whatever sets the filter's state anew makes the comparison void.
@@ -193,7 +203,8 @@ impl Shadows {
         }
         let above_m = input.height_m.zip(facts.ground).map(|(h, ground)| h - ground.height_m);
         let flies = !facts.resting && (speed_mps > FLIES_MPS || above_m.is_some_and(|h| h > FLIES_M));
-        let air = airspeed::carries(facts, s.time) || drag::carries(facts, s.time);
+        let air = by_air(facts, s.time);
+        self.air = air.unwrap_or(self.air);
         self.present = Present { carrier: carrier(facts, s.time), air, flies };
         for slot in &mut self.slots {
             if let Some(run) = slot.going()

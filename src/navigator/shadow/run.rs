@@ -31,8 +31,8 @@ pub(super) enum Goes {
 pub(super) struct Present {
     /// What would carry an outage now.
     pub(super) carrier: VelocitySource,
-    /// Airspeed or drag can carry.
-    pub(super) air: bool,
+    /// Airspeed or drag, whichever can carry.
+    pub(super) air: Option<VelocitySource>,
     /// The vehicle is in the air.
     pub(super) flies: bool,
 }
@@ -120,7 +120,7 @@ impl Run {
         self.mean.impulse += s.specific_force.raw() * dt;
         let seconds = match present.carrier {
             _ if self.goes == Goes::Coasting => &mut self.carried.inertial,
-            _ if self.goes == Goes::WithoutFlow && present.air => &mut self.carried.air,
+            _ if self.goes == Goes::WithoutFlow && present.air.is_some() => &mut self.carried.air,
             _ if self.goes == Goes::WithoutFlow => &mut self.carried.inertial,
             VelocitySource::Flow => &mut self.carried.flow,
             VelocitySource::Airspeed | VelocitySource::Drag => &mut self.carried.air,
