@@ -1,13 +1,9 @@
 //! `holdover evaluate`: outages slid over the airborne, moving part of logs, in one table.
 
 use std::fmt;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
-use rayon::ThreadPoolBuilder;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::config::Settings;
@@ -15,8 +11,8 @@ use crate::navigator::settings::Estimator;
 use crate::replay::log::{Log, LogError};
 use crate::replay::sweep::{SweepRow, airborne, sweep};
 
-use super::table::{Table, number};
-use super::{ConfigArgs, Failure, warn};
+use super::table::{Table, median, number};
+use super::{ConfigArgs, Failure, jobs, warn};
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
@@ -86,14 +82,8 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
             jobs.push(Job { path: path.clone(), settings: loaded.settings });
         }
     }
-    let bar = if args.json || !std::io::stderr().is_terminal() {
-        ProgressBar::hidden()
-    } else {
-        let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {msg} {eta}");
-        ProgressBar::new(jobs.len() as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-    };
-    let rows = work(&jobs, args, &bar)?;
-    bar.finish_and_clear();
+    let swept = jobs::in_parallel(&jobs, args.jobs, args.json, |job| one(job, args))?;
+    let rows: Vec<OutageRow> = swept.into_iter().flatten().collect();
     if args.json {
         let text = serde_json::to_string(&Rows { rows: &rows }).map_err(|e| Failure::Other(e.to_string()))?;
         outln!("{text}");
@@ -101,21 +91,6 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         print_table(&rows, args);
     }
     Ok(())
-}
-
-/// All jobs on some threads; rows in the order of the jobs.
-fn work(jobs: &[Job], args: &EvaluateArgs, bar: &ProgressBar) -> Result<Vec<OutageRow>, Failure> {
-    let threads = ThreadPoolBuilder::new().num_threads(args.jobs).build();
-    let threads = threads.map_err(|e| Failure::Other(e.to_string()))?;
-    let in_parallel = || {
-        let jobs = jobs.par_iter().with_max_len(1).progress_with(bar.clone());
-        jobs.map(|job| one(job, args)).collect::<Vec<_>>()
-    };
-    let mut rows = Vec::new();
-    for swept in threads.install(in_parallel) {
-        rows.extend(swept?);
-    }
-    Ok(rows)
 }
 
 fn one(job: &Job, args: &EvaluateArgs) -> Result<Vec<OutageRow>, LogError> {
@@ -221,14 +196,5 @@ impl fmt::Display for Honesty {
             "{} outages, {two:.1} % of the errors within 2 sigma, {four:.1} % within 4, sigma {:.1} times the error (RMS)",
             self.outages, self.caution
         )
-    }
-}
-
-pub(super) fn median(mut v: Vec<f64>) -> Option<f64> {
-    v.sort_by(f64::total_cmp);
-    match v.len() {
-        0 => None,
-        n if n % 2 == 1 => Some(v[n / 2]),
-        n => Some(0.5 * (v[n / 2 - 1] + v[n / 2])),
     }
 }

@@ -7,6 +7,7 @@ mod autopilot;
 mod check;
 mod evaluate;
 mod inspect;
+mod jobs;
 mod markers;
 mod preflight;
 mod replay;

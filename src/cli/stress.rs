@@ -3,8 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use rayon::ThreadPoolBuilder;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::config::Settings;
@@ -14,9 +12,8 @@ use crate::replay::matrix::{StressCase, matrix};
 use crate::replay::stress::{StressReport, StressRow, stress};
 use crate::replay::sweep::airborne;
 
-use super::evaluate::median;
-use super::table::{Table, number};
-use super::{ConfigArgs, Failure, warn};
+use super::table::{Table, median, number};
+use super::{ConfigArgs, Failure, jobs, warn};
 
 /// Arguments of `stress`.
 #[derive(Debug, Args)]
@@ -98,12 +95,9 @@ pub fn run(args: &StressArgs) -> Result<(), Failure> {
     let cases = cases(args)?;
     let loaded = args.settings.read()?;
     warn(&loaded);
-    let threads = ThreadPoolBuilder::new().num_threads(args.jobs).build();
-    let threads = threads.map_err(|e| Failure::Other(e.to_string()))?;
-    let reports: Vec<Result<StressReport, LogError>> = threads.install(|| {
-        args.logs.par_iter().with_max_len(1).map(|path| one(path, &loaded.settings, &cases, args)).collect()
-    });
-    let reports = reports.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let reports = jobs::in_parallel(&args.logs, args.jobs, args.json, |path| {
+        one(path, &loaded.settings, &cases, args)
+    })?;
     let rows: Vec<&StressRow> = reports.iter().flat_map(|r| &r.rows).collect();
     let table: Vec<FaultSummary> = cases.iter().filter_map(|case| summary(&case.name, &rows)).collect();
     if args.json {

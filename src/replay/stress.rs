@@ -62,13 +62,21 @@ pub struct StressReport {
     pub not_heard: Vec<String>,
 }
 
-/// What a branch is.
+/// What a branch is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum TrialKind {
+    /// The flight as it was.
+    Unaltered,
+    /// With the faults of a case, by its number.
+    Faulty(usize),
+    /// Without the sensors that fail; cases of one sensor and time share it.
+    Silent,
+}
+
+/// A branch.
 #[derive(Clone, Debug)]
 struct Trial {
-    /// Which case; `None` for a flight without a fault.
-    case: Option<usize>,
-    /// Without the case's sensors, instead of with its fault.
-    without_sensor: bool,
+    kind: TrialKind,
     start_s: f64,
     outage: bool,
     faults: Vec<InjectedFault>,
@@ -127,21 +135,15 @@ pub fn stress(
         |trial, fork, t_s| trial.look(&fork.pipeline.navigator, t_s),
         |trial, fork| ended.push((trial, fork.outcome().outages.last().copied())),
     )?;
-    ended.sort_by(|(a, _), (b, _)| a.case.cmp(&b.case).then(a.start_s.total_cmp(&b.start_s)));
+    ended.sort_by(|(a, _), (b, _)| a.kind.cmp(&b.kind).then(a.start_s.total_cmp(&b.start_s)));
     Ok(report(&ended, cases, &common))
 }
 
 /// The flight without a fault, with and without GNSS, and every case, with its fault and without its sensors.
 fn trials(cases: &[StressCase], start_s: f64) -> Vec<Trial> {
-    let plain = |outage| Trial {
-        case: None,
-        without_sensor: false,
-        start_s,
-        outage,
-        faults: Vec::new(),
-        seen: WhatWasTold::default(),
-    };
-    let mut all = vec![plain(true), plain(false)];
+    let trial = |kind, outage, faults| Trial { kind, start_s, outage, faults, seen: WhatWasTold::default() };
+    let mut all =
+        vec![trial(TrialKind::Unaltered, true, Vec::new()), trial(TrialKind::Unaltered, false, Vec::new())];
     for (i, case) in cases.iter().enumerate() {
         let shifted = |f: &InjectedFault| InjectedFault {
             from_s: (f.from_s + start_s).max(0.0),
@@ -149,24 +151,25 @@ fn trials(cases: &[StressCase], start_s: f64) -> Vec<Trial> {
             ..*f
         };
         let faults: Vec<_> = case.faults.iter().map(shifted).collect();
-        let silent = |f: &InjectedFault| InjectedFault {
-            target: Target { axis: None, ..f.target },
-            kind: FaultKind::Drop(1.0),
-            ..*f
-        };
-        let without: Vec<_> = faults.iter().map(silent).collect();
-        let trial = Trial { case: Some(i), faults, ..plain(case.outage) };
         // Without its IMU a vehicle has nothing at all to compare with.
-        if !case
-            .faults
-            .iter()
-            .any(|f| of_kind(f.target.sensor) == Some(SourceKind::Imu) || f.target.sensor == Sensor::All)
-        {
-            all.push(Trial { without_sensor: true, faults: without, ..trial.clone() });
+        let felt = |f: &InjectedFault| of_kind(f.target.sensor).is_none_or(|kind| kind == SourceKind::Imu);
+        let silent = trial(TrialKind::Silent, case.outage, silenced(&faults));
+        if !faults.iter().any(felt) && !all.iter().any(|t| t.is_as(&silent)) {
+            all.push(silent);
         }
-        all.push(trial);
+        all.push(trial(TrialKind::Faulty(i), case.outage, faults));
     }
     all
+}
+
+/// The sensors of faults silent instead.
+fn silenced(faults: &[InjectedFault]) -> Vec<InjectedFault> {
+    let silent = |f: &InjectedFault| InjectedFault {
+        target: Target { axis: None, ..f.target },
+        kind: FaultKind::Drop(1.0),
+        ..*f
+    };
+    faults.iter().map(silent).collect()
 }
 
 /// The kind of source that a sensor is.
@@ -191,6 +194,12 @@ fn is_of(target: &Target, source: &SourceReport) -> bool {
 }
 
 impl Trial {
+    /// Whether the same is flown.
+    fn is_as(&self, other: &Self) -> bool {
+        let what = |t: &Self| (t.kind, t.start_s, t.outage);
+        what(self) == what(other) && self.faults == other.faults
+    }
+
     fn onset_s(&self) -> f64 {
         self.faults.iter().map(|f| f.from_s).fold(f64::INFINITY, f64::min)
     }
@@ -240,24 +249,24 @@ fn report(ended: &[Ended], cases: &[StressCase], common: &Runner) -> StressRepor
     let sources = common.pipeline.navigator.source_reports();
     let heard = |case: &StressCase| case.faults.iter().all(|f| sources.iter().any(|s| is_of(&f.target, s)));
     let not_heard = cases.iter().filter(|c| !heard(c)).map(|c| c.name.clone()).collect();
-    let plain = |start_s: f64, outage: bool| {
-        ended.iter().find(|(t, _)| t.case.is_none() && t.start_s == start_s && t.outage == outage)
-    };
-    let without = |trial: &Trial| {
-        ended.iter().find(|(t, _)| t.without_sensor && t.case == trial.case && t.start_s == trial.start_s)
+    let beside = |kind: TrialKind, trial: &Trial, faults: Vec<InjectedFault>| {
+        let wanted = Trial { kind, faults, ..trial.clone() };
+        ended.iter().find(|(t, _)| t.is_as(&wanted))
     };
     let mut rows: Vec<StressRow> = Vec::new();
-    for (trial, score) in ended.iter().filter(|(t, _)| !t.without_sensor) {
-        let Some(case) = trial.case.map(|i| &cases[i]).filter(|c| heard(c)) else { continue };
+    for (trial, score) in ended {
+        let TrialKind::Faulty(number) = trial.kind else { continue };
+        let case = &cases[number];
         // Where GNSS was bad already, a lie of it shows nothing.
         let of_gnss = case.faults.iter().any(|f| f.target.sensor == Sensor::Gnss);
-        if of_gnss && trial.seen.doubted_before {
+        if !heard(case) || (of_gnss && trial.seen.doubted_before) {
             continue;
         }
-        let beside = plain(trial.start_s, trial.outage);
+        let unaltered = beside(TrialKind::Unaltered, trial, Vec::new());
+        let silent = beside(TrialKind::Silent, trial, silenced(&trial.faults));
         // What is called faulty without the fault as well is not blamed for it.
         let also = |b: &(SourceKind, u8, f64)| {
-            beside.is_some_and(|(t, _)| t.seen.blamed.iter().any(|other| (other.0, other.1) == (b.0, b.1)))
+            unaltered.is_some_and(|(t, _)| t.seen.blamed.iter().any(|other| (other.0, other.1) == (b.0, b.1)))
         };
         let blamed = trial.seen.blamed.iter().filter(|b| !also(b));
         rows.push(StressRow {
@@ -273,11 +282,11 @@ fn report(ended: &[Ended], cases: &[StressCase], common: &Runner) -> StressRepor
             told_after_s: trial.seen.told_s,
             doubted_before: trial.seen.doubted_before,
             blamed: blamed.map(|b| format!("{} {}", b.0.label(), b.1)).collect(),
-            error_without_fault_m: beside.and_then(error_m),
-            error_without_sensor_m: without(trial).and_then(error_m),
+            error_without_fault_m: unaltered.and_then(error_m),
+            error_without_sensor_m: silent.and_then(error_m),
         });
     }
-    let unaltered = ended.iter().filter(|(t, _)| t.case.is_none());
+    let unaltered = ended.iter().filter(|(t, _)| t.kind == TrialKind::Unaltered);
     let false_alarms = unaltered
         .flat_map(|(t, _)| t.seen.blamed.iter().map(|b| (format!("{} {}", b.0.label(), b.1), b.2)))
         .collect();
