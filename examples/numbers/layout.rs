@@ -49,6 +49,7 @@ const TABLES: &[Table] = &[
         layout: Layout::Lines(|line| !line.contains(": not in it: ")),
         quick: &[("--starts 3", "--starts 1")],
     },
+    Table { name: "true_sigmas", layout: Layout::Flights(true_sigmas), quick: &[] },
     Table { name: "recordings", layout: Layout::Flights(recordings), quick: &[] },
     Table { name: "recordings_without_flow", layout: Layout::Flights(without_flow), quick: &[] },
     Table { name: "aided", layout: Layout::Json(aided), quick: &[] },
@@ -280,6 +281,25 @@ fn without_flow(objects: &[Value], kept: &Kept) -> Vec<Vec<String>> {
     let mut rows = recordings(objects, kept);
     rows.iter_mut().for_each(|row| row.truncate(5));
     rows
+}
+
+/// flight, build, outages, parts of the errors within two and four sigmas, root mean square of error over sigma. What another build measured
+/// stays.
+fn true_sigmas(objects: &[Value], _: &Kept) -> Vec<Vec<String>> {
+    let mut flights: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for r in objects.iter().filter_map(|o| o["rows"].as_array()).flatten() {
+        let (error, sigma) = (r["horizontal_error_end_m"].as_f64(), r["sigma_end_m"].as_f64());
+        if let Some((error, sigma)) = error.zip(sigma).filter(|(_, sigma)| *sigma > 0.0) {
+            flights.entry(name(&r["log"])).or_default().push(error / sigma);
+        }
+    }
+    let row = |(flight, ratios): (String, Vec<f64>)| {
+        let n = ratios.len() as f64;
+        let within = |k: f64| format!("{:.0}", 100.0 * ratios.iter().filter(|r| **r <= k).count() as f64 / n);
+        let rms = (ratios.iter().map(|r| r * r).sum::<f64>() / n).sqrt();
+        vec![flight, "now".to_owned(), format!("{n}"), within(2.0), within(4.0), format!("{rms:.2}")]
+    };
+    flights.into_iter().map(row).collect()
 }
 
 fn heights(objects: &[Value], _: &Kept) -> Vec<Vec<String>> {
