@@ -78,7 +78,14 @@ fn a_flow_that_goes_wrong_in_an_outage_is_told_does_no_more_harm_than_none_and_c
             "{kind}: {:?}",
             judged.acquitted
         );
-        assert!(judged.worst_m < 2.0 * without.worst_m, "{kind}: {} {}", judged.worst_m, without.worst_m);
+        assert!(judged.error_m < 2.0 * without.error_m, "{kind}: {} {}", judged.error_m, without.error_m);
+        // Three seconds at 8 m/s may pass before it is told.
+        assert!(
+            judged.worst_m < 10.0 && without.worst_m < 6.0,
+            "{kind}: {} {}",
+            judged.worst_m,
+            without.worst_m
+        );
         assert!(judged.error_m < 3.0 * judged.sigma_m, "{kind}: {} {}", judged.error_m, judged.sigma_m);
     }
 }

@@ -38,7 +38,7 @@ section! {
         /// White noise of the mean force of 0.1 s, 1 sigma.
         sigma_mps2: f64 = 0.3 in 0.01 ..= 20.0 was "drag.sigma_mps2";
         /// What is wrong with the force for some seconds (gusts, vibration, drag that is not proportional) before it was measured in flight, 1 sigma.
-        lasting_mps2: f64 = 0.3 in 0.0 ..= 20.0 was "drag.lasting_mps2";
+        lasting_mps2: f64 = 0.15 in 0.0 ..= 20.0 was "drag.lasting_mps2";
         /// Deceleration over velocity before it was seen.
         coefficient_per_s: f64 = 0.25 in 0.0 ..= 5.0 was "drag.coefficient_per_s";
         /// How well that is known, 1 sigma.

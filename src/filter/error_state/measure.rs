@@ -165,6 +165,15 @@ impl Eskf {
         force_xy - self.state().expected_drag(air_body)
     }
 
+    /// The variance of [`Self::drag_innovation`] by what the filter does not know, the mean of both axes, m²/s⁴.
+    pub fn drag_variance(&self, air_body: &Vector3<f64>) -> f64 {
+        let of = |axis| {
+            let row = self.state().drag_row(air_body, axis);
+            row.dot(&row.times(&self.p))
+        };
+        0.5 * (of(0) + of(1))
+    }
+
     /// A multirotor's specific force along body x and y, m/s², mean over a short while in which the velocity through the air was
     /// `air_body` (body axes, m/s) in the mean: f = b_a − D u (Leishman et al. 2014, "Quadrotors and accelerometers").
     ///

@@ -136,13 +136,14 @@ impl EstimatorStack {
         self.error_state().map(|s| s.filter().drag_sigma())
     }
 
-    /// How far a specific force is from what the drag should make it, body x and y, m/s².
+    /// How far a specific force is from what the drag should make it, body x and y, m/s², and the variance of that by what the filter does not know.
     pub(super) fn drag_innovation(
         &self,
         force_xy: &Vector2<f64>,
         air_body: &Vector3<f64>,
-    ) -> Option<Vector2<f64>> {
-        self.error_state().map(|s| s.filter().drag_innovation(force_xy, air_body))
+    ) -> Option<(Vector2<f64>, f64)> {
+        let filter = self.error_state()?.filter();
+        Some((filter.drag_innovation(force_xy, air_body), filter.drag_variance(air_body)))
     }
 
     /// Whether a filter is published, of whichever kind.

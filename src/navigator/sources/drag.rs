@@ -20,7 +20,8 @@ use super::super::reset::Reset;
 use super::super::settings::Estimator;
 use super::super::solution::{Mode, VelocitySource};
 use crate::navigator::tuning::drag::{
-    AGE_S, KNOWN, LASTING_S, LATELY_S, LEAST_DRAG, MEAN_S, PERIOD_S, SPREAD_S,
+    AGE_S, ASSUMED_S, KNOWN, LASTING_S, LATELY_S, LEAST_DRAG, LEAST_GUST_MPS, LEAST_LASTING_MPS2, MEAN_S,
+    PERIOD_S, RECALLED_S, SPREAD_S,
 };
 
 /// Settings of the rotor drag.
@@ -41,26 +42,38 @@ pub struct DragSettings {
 struct DragError {
     /// Mean innovation of late, m/s².
     mean: Vector2<f64>,
-    /// Its mean square an axis, m²/s⁴.
+    /// Its mean square an axis less what the filter expects of it, m²/s⁴.
     spread: f64,
+    /// For how long that was measured, s.
+    seconds: f64,
 }
 
 impl DragError {
     fn new(settings: &DragSettings) -> Self {
-        Self { mean: Vector2::zeros(), spread: settings.lasting_mps2.powi(2) }
+        Self { mean: Vector2::zeros(), spread: settings.lasting_mps2.powi(2), seconds: 0.0 }
     }
 
-    /// Takes an innovation, m/s², `dt` s after the last.
-    fn learn(&mut self, innovation: &Vector2<f64>, dt: f64) {
-        if innovation.iter().all(|i| i.is_finite()) {
-            self.mean += (innovation - self.mean) * (dt / MEAN_S).min(1.0);
-            self.spread += (0.5 * self.mean.norm_squared() - self.spread) * (dt / SPREAD_S).min(1.0);
+    /// Takes an innovation, m/s², `dt` s after the last; `expected`: its variance an axis by what the filter does not know, m²/s⁴. That is no
+    /// error of the drag: a velocity, a wind or a proportion that is not found yet.
+    fn learn(&mut self, innovation: &Vector2<f64>, expected: f64, dt: f64) {
+        if !(innovation.sum() + expected).is_finite() {
+            return;
         }
+        self.mean += (innovation - self.mean) * (dt / MEAN_S).min(1.0);
+        // What was assumed is worth some seconds of measurement.
+        self.seconds += dt;
+        let memory_s = (ASSUMED_S + self.seconds).min(SPREAD_S);
+        self.spread += (0.5 * self.mean.norm_squared() - expected - self.spread) * (dt / memory_s).min(1.0);
     }
 
-    /// What a sample of `dt` s is worth, m/s²: white noise, and what lasts.
-    fn sigma(&self, white: f64, dt: f64) -> f64 {
-        (white * white + self.spread * 2.0 * LASTING_S / dt).sqrt()
+    /// What lasts, of a drag of so much, 1/s: m²/s⁴.
+    fn lasting(&self, drag: f64) -> f64 {
+        self.spread.max(LEAST_LASTING_MPS2.powi(2) + (LEAST_GUST_MPS * drag).powi(2))
+    }
+
+    /// What a sample of `dt` s is worth with a drag of so much, m/s²: white noise, and what lasts.
+    fn sigma(&self, white: f64, dt: f64, drag: f64) -> f64 {
+        (white * white + self.lasting(drag) * 2.0 * LASTING_S / dt).sqrt()
     }
 }
 
@@ -128,11 +141,11 @@ impl DragSource {
             return None;
         }
         if core.mode == Mode::Aided
-            && let Some(innovation) = core.estimator.drag_innovation(&force_xy, &air_body)
+            && let Some((innovation, expected)) = core.estimator.drag_innovation(&force_xy, &air_body)
         {
-            self.error.learn(&innovation, seconds);
+            self.error.learn(&innovation, expected, seconds);
         }
-        let sigma_mps2 = self.error.sigma(core.settings.drag.sigma_mps2, seconds);
+        let sigma_mps2 = self.error.sigma(core.settings.drag.sigma_mps2, seconds, state.drag);
         Some(Observation::Drag { force_xy, air_body, sigma_mps2 })
     }
 
@@ -160,21 +173,24 @@ impl DragSource {
         let wind = Vector3::new(state.wind_ne.x, state.wind_ne.y, 0.0);
         let square = |v_ned: &Vector3<f64>| {
             let air_body = state.r_body_to_ned.tr_mul(&(v_ned - wind));
-            let off = estimator.drag_innovation(&force_xy, &air_body)?;
-            Some(off.norm_squared() / self.error.spread.max(context.core.settings.drag.sigma_mps2.powi(2)))
+            let (off, _) = estimator.drag_innovation(&force_xy, &air_body)?;
+            Some(
+                off.norm_squared()
+                    / self.error.lasting(state.drag).max(context.core.settings.drag.sigma_mps2.powi(2)),
+            )
         };
         Some(square(second_ned)? - square(first_ned)?)
     }
 
     /// Mean square of what is wrong with the force for some time, m²/s⁴.
     pub(in super::super) fn spread(&self) -> f64 {
-        self.error.spread
+        self.error.spread.max(0.0)
     }
 
     /// The same, as it was learned before.
     pub(in super::super) fn recall(&mut self, spread: f64) {
         if (1e-9..=1e4).contains(&spread) {
-            self.error.spread = spread;
+            (self.error.spread, self.error.seconds) = (spread, RECALLED_S);
         }
     }
 
@@ -203,21 +219,45 @@ pub(in super::super) fn carries(facts: &SourceFacts, now: AutopilotTime) -> bool
 mod tests {
     use super::*;
 
-    fn learned(innovation: impl Fn(u32) -> f64) -> f64 {
-        let settings = DragSettings { enabled: true, coefficient: 0.25, sigma_mps2: 0.3, lasting_mps2: 0.3 };
-        let mut error = DragError::new(&settings);
-        for k in 0..3000 {
-            error.learn(&Vector2::repeat(innovation(k)), PERIOD_S);
+    const SETTINGS: DragSettings =
+        DragSettings { enabled: true, coefficient: 0.25, sigma_mps2: 0.3, lasting_mps2: 0.15 };
+
+    fn learned(innovation: impl Fn(u32) -> f64, expected: f64, seconds: f64) -> DragError {
+        let mut error = DragError::new(&SETTINGS);
+        for k in 0..(seconds / PERIOD_S) as u32 {
+            error.learn(&Vector2::repeat(innovation(k)), expected, PERIOD_S);
         }
-        error.sigma(settings.sigma_mps2, PERIOD_S)
+        error
+    }
+
+    fn sigma(error: &DragError) -> f64 {
+        error.sigma(SETTINGS.sigma_mps2, PERIOD_S, 0.25)
     }
 
     #[test]
     fn what_alternates_is_noise_and_what_lasts_makes_the_drag_worth_little() {
-        let noisy = learned(|k| if k % 2 == 0 { 0.3 } else { -0.3 });
-        assert!(noisy < 0.7, "{noisy}");
-        let gusty = learned(|k| if k / 200 % 2 == 0 { 0.5 } else { -0.5 });
+        let noisy = sigma(&learned(|k| if k % 2 == 0 { 0.3 } else { -0.3 }, 0.0, 300.0));
+        assert!(noisy < 1.6, "{noisy}");
+        let gusty = sigma(&learned(|k| if k / 200 % 2 == 0 { 0.5 } else { -0.5 }, 0.0, 300.0));
         assert!(gusty > 8.0, "{gusty}");
-        assert!(learned(|_| f64::NAN).is_finite());
+        assert!(sigma(&learned(|_| f64::NAN, 0.0, 300.0)).is_finite());
+    }
+
+    #[test]
+    fn what_the_filter_does_not_know_yet_is_no_error_of_the_drag() {
+        let searching = sigma(&learned(|_| 0.4, 0.16, 60.0));
+        let known = sigma(&learned(|_| 0.4, 0.0, 60.0));
+        assert!(searching < 2.0 && known > 6.0, "{searching} {known}");
+    }
+
+    #[test]
+    fn a_minute_of_calm_or_of_gusts_counts_for_more_than_what_was_assumed() {
+        let calm = sigma(&learned(|_| 0.03, 0.0, 60.0));
+        assert!(calm < 0.6 * sigma(&DragError::new(&SETTINGS)), "{calm}");
+        let mut recalled = DragSource::new(&SETTINGS);
+        recalled.recall(1.0);
+        assert!((recalled.spread() - 1.0).abs() < 1e-12);
+        recalled.recall(f64::NAN);
+        assert!((recalled.spread() - 1.0).abs() < 1e-12);
     }
 }

@@ -68,6 +68,12 @@ pub(in crate::navigator) mod drag {
     pub(in crate::navigator) const SPREAD_S: f64 = 60.0;
     /// … and what they show lasts this long, s.
     pub(in crate::navigator) const LASTING_S: f64 = 30.0;
+    /// What is configured counts as if it had been measured for this long, s, and what was learned on an earlier flight for this long.
+    pub(in crate::navigator) const ASSUMED_S: f64 = 20.0;
+    pub(in crate::navigator) const RECALLED_S: f64 = 20.0;
+    /// However well it fitted, the force is wrong by this for half a minute, m/s² (vibration, tilt of the rotors), and the wind by this, m/s.
+    pub(in crate::navigator) const LEAST_LASTING_MPS2: f64 = 0.05;
+    pub(in crate::navigator) const LEAST_GUST_MPS: f64 = 0.15;
     /// As a witness it is asked for the mean of this long, s.
     pub(in crate::navigator) const LATELY_S: f64 = 1.0;
     /// Drag carries the velocity for this long, s, …
