@@ -14,7 +14,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Parser;
 use holdover::altimeter::Fault;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use serde::Serialize;
 
 #[path = "../tests/support/args.rs"]

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use clap::Parser;
 use holdover::navigator::solution::Mode;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use holdover::replay::runner::{self, Runner};
 use holdover::sample::{Input, Reference, TruthState};
 

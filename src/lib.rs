@@ -57,6 +57,7 @@ pub mod fault;
 pub mod filter;
 pub mod geo;
 pub mod landmark;
+pub mod log;
 pub mod metrics;
 pub mod navigator;
 pub mod observer;

@@ -8,18 +8,19 @@ use serde::Serialize;
 
 use crate::config::Settings;
 use crate::navigator::settings::Estimator;
-use crate::replay::log::{Log, LogError};
+use crate::log::{Log, LogError};
 use crate::replay::sweep::{SweepRow, airborne, sweep};
 
+use super::logs::LogArgs;
 use super::table::{Table, median, number};
 use super::{ConfigArgs, Failure, jobs, warn};
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Telemetry logs (.tlog)
-    #[arg(required = true)]
-    pub logs: Vec<PathBuf>,
+    /// Logs
+    #[command(flatten)]
+    pub logs: LogArgs,
     /// Lengths of the outages, s
     #[arg(long, value_delimiter = ',', default_value = "60,120,300")]
     pub lengths: Vec<f64>,
@@ -71,8 +72,9 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     if args.starts == 0 {
         return Err(Failure::Usage("--starts: at least one".into()));
     }
+    let logs = args.logs.find()?;
     let mut jobs = Vec::new();
-    for (i, path) in args.logs.iter().enumerate() {
+    for (i, path) in logs.iter().enumerate() {
         for (j, name) in args.estimator.iter().enumerate() {
             // How far it drifts is the question: an estimate that is called lost is scored as well.
             let loaded = args.settings.with_estimator(name).read()?;
@@ -88,7 +90,7 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         let text = serde_json::to_string(&Rows { rows: &rows }).map_err(|e| Failure::Other(e.to_string()))?;
         outln!("{text}");
     } else {
-        print_table(&rows, args);
+        print_table(&rows, &logs, args);
     }
     Ok(())
 }
@@ -105,7 +107,7 @@ fn name(path: &Path) -> String {
     path.display().to_string()
 }
 
-fn print_table(rows: &[OutageRow], args: &EvaluateArgs) {
+fn print_table(rows: &[OutageRow], logs: &[PathBuf], args: &EvaluateArgs) {
     outln!(
         "Horizontal error at the end of an outage: median / worst m, drift in % of distance (median), error over sigma (median)"
     );
@@ -120,7 +122,7 @@ fn print_table(rows: &[OutageRow], args: &EvaluateArgs) {
         "error/sigma",
         "altitude m",
     ]);
-    for path in &args.logs {
+    for path in logs {
         let log = name(path);
         for estimator in Estimator::ALL {
             for &length in &args.lengths {

@@ -1,27 +1,28 @@
 //! `holdover inspect`: what is in a log, which rates and gaps, and what Holdover can do with it.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::Path;
 
 use clap::Args;
 use serde::Serialize;
 
 use crate::navigator::sources::landmarks::LandmarkSetup;
-use crate::replay::log::{Log, LogSummary};
+use crate::config::Settings;
+use crate::log::{Entry, Log, LogSummary};
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
-use crate::wire::frame::Frame;
-use crate::wire::messages;
 
+use super::logs::LogArgs;
 use super::table::Table;
 use super::{ConfigArgs, Failure};
 
 /// Arguments of `inspect`.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// Telemetry log (.tlog)
-    pub log: PathBuf,
-    /// Print one JSON object and nothing else
+    /// Logs
+    #[command(flatten)]
+    pub logs: LogArgs,
+    /// Print one JSON object a log, each on its line, and nothing else
     #[arg(long)]
     pub json: bool,
     /// Settings
@@ -200,19 +201,23 @@ fn report(
 /// [`Failure`].
 pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
-    let log = Log::open(&args.log, settings.system)?;
+    args.logs.each(args.json, |path, _| one(path, &settings, args.json))
+}
+
+fn one(path: &Path, settings: &Settings, json: bool) -> Result<(), Failure> {
+    let log = Log::open(path, settings.system)?;
     let mut contents = Contents::default();
     let mut messages = MessageCounts::new();
     let summary = log.play(
-        |frame, _| {
-            let sender = (frame.system().0, frame.component().0, frame.message_id());
-            messages.entry(sender).or_insert_with(|| (name_of(frame), 0)).1 += 1;
+        |entry, _| {
+            let sender = (entry.system, entry.component, entry.id);
+            messages.entry(sender).or_insert_with(|| (name_of(entry), 0)).1 += 1;
         },
         |_, input| contents.note(input),
     )?;
     let report =
         report(&log, &summary, &contents, messages, settings.pipeline.navigator.landmarks.as_deref());
-    if args.json {
+    if json {
         let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
         outln!("{text}");
     } else {
@@ -221,9 +226,8 @@ pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn name_of(frame: &Frame<'_>) -> String {
-    let id = frame.message_id();
-    messages::name_of(id).map_or_else(|| format!("unknown ({id})"), str::to_owned)
+fn name_of(entry: &Entry<'_>) -> String {
+    entry.name.map_or_else(|| format!("unknown ({})", entry.id), str::to_owned)
 }
 
 fn abilities(

@@ -8,6 +8,7 @@ mod check;
 mod evaluate;
 mod inspect;
 mod jobs;
+mod logs;
 mod markers;
 mod preflight;
 mod replay;
@@ -23,7 +24,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 
 use crate::config::{ConfigError, Loaded, Settings, Sources};
-use crate::replay::log::LogError;
+use crate::log::LogError;
 
 /// Keeps a drone navigating when GNSS drops.
 #[derive(Debug, Parser)]

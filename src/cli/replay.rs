@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::altimeter::Health;
+use crate::config::Settings;
 use crate::fault::InjectedFault;
 use crate::geo::so3::Euler;
 use crate::metrics::AidedReport;
@@ -19,7 +20,7 @@ use crate::navigator::settings::Estimator;
 use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::Solution;
 use crate::navigator::sources::status::{Measured, SourceReport};
-use crate::replay::log::{Log, LogSummary};
+use crate::log::{Log, LogSummary};
 use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
 use crate::sample::{Input, SampleKind};
 use crate::time::Span;
@@ -27,14 +28,16 @@ use crate::wire::companion_clock::CompanionClock;
 use crate::wire::decode::Repair;
 
 use super::inspect::lacking;
+use super::logs::LogArgs;
 use super::table::{Table, number};
 use super::{ConfigArgs, Failure};
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// Telemetry log (.tlog)
-    pub log: PathBuf,
+    /// Logs
+    #[command(flatten)]
+    pub logs: LogArgs,
     /// Withhold GNSS from A to B, seconds since the first sample, as in 600..1200; may be given several times
     #[arg(long, value_name = "A..B", value_parser = parse_interval)]
     pub outage: Vec<(f64, f64)>,
@@ -44,10 +47,10 @@ pub struct ReplayArgs {
     /// What navigates: shipped, nlo, nlo_printed, xkf, ekf15 or inertial
     #[arg(long)]
     pub estimator: Option<String>,
-    /// Print one JSON object and nothing else
+    /// Print one JSON object a log, each on its line, and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Write solution.csv into this folder
+    /// Write solution.csv into this folder; of several logs each into a folder of its own there
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Settings
@@ -134,8 +137,16 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         Some(name) => args.settings.with_estimator(name).load()?,
         None => args.settings.load()?,
     };
-    let log = Log::open(&args.log, settings.system)?;
-    let mut csv = args.out.as_deref().map(SolutionCsv::create).transpose()?;
+    args.logs.each(args.json, |path, several| {
+        let name = path.file_name().filter(|_| several).unwrap_or_default();
+        let out = args.out.as_ref().map(|out| out.join(name));
+        one(args, path, out.as_deref(), &settings)
+    })
+}
+
+fn one(args: &ReplayArgs, path: &Path, out: Option<&Path>, settings: &Settings) -> Result<(), Failure> {
+    let log = Log::open(path, settings.system)?;
+    let mut csv = out.map(SolutionCsv::create).transpose()?;
     let bar = progress_bar(log.bytes(), args.json);
     let clock = CompanionClock::new();
     let begun = clock.now();
@@ -158,10 +169,10 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     }
     let outcome = runner.outcome();
     if let Some(reason) = lacking(&outcome.heard, outcome.duration_s) {
-        return Err(Failure::Lacking(format!("{}: {reason}", args.log.display())));
+        return Err(Failure::Lacking(format!("{}: {reason}", path.display())));
     }
     let report = ReplayReport {
-        log: args.log.display().to_string(),
+        log: path.display().to_string(),
         duration_s: outcome.duration_s,
         frames: summary.frames,
         skipped_bytes: summary.skipped_bytes(),

@@ -7,20 +7,21 @@ use serde::Serialize;
 
 use crate::config::Settings;
 use crate::fault::InjectedFault;
-use crate::replay::log::{Log, LogError};
+use crate::log::{Log, LogError};
 use crate::replay::matrix::{StressCase, matrix};
 use crate::replay::stress::{StressReport, StressRow, stress};
 use crate::replay::sweep::airborne;
 
+use super::logs::LogArgs;
 use super::table::{Table, median, number};
 use super::{ConfigArgs, Failure, jobs, warn};
 
 /// Arguments of `stress`.
 #[derive(Debug, Args)]
 pub struct StressArgs {
-    /// Telemetry logs (.tlog)
-    #[arg(required = true)]
-    pub logs: Vec<PathBuf>,
+    /// Logs
+    #[command(flatten)]
+    pub logs: LogArgs,
     /// Length of the interval that is scored, s
     #[arg(long, default_value_t = 60.0)]
     pub length: f64,
@@ -93,15 +94,16 @@ pub fn run(args: &StressArgs) -> Result<(), Failure> {
         return Err(Failure::Usage("--starts: at least one".into()));
     }
     let cases = cases(args)?;
+    let logs = args.logs.find()?;
     let loaded = args.settings.read()?;
     warn(&loaded);
-    let reports = jobs::in_parallel(&args.logs, args.jobs, args.json, |path| {
+    let reports = jobs::in_parallel(&logs, args.jobs, args.json, |path| {
         one(path, &loaded.settings, &cases, args)
     })?;
     let rows: Vec<&StressRow> = reports.iter().flat_map(|r| &r.rows).collect();
     let table: Vec<FaultSummary> = cases.iter().filter_map(|case| summary(&case.name, &rows)).collect();
     if args.json {
-        let logs = args.logs.iter().zip(&reports).map(|(path, r)| LogJson {
+        let logs = logs.iter().zip(&reports).map(|(path, r)| LogJson {
             log: path.display().to_string(),
             rows: &r.rows,
             false_alarms: &r.false_alarms,
@@ -110,7 +112,7 @@ pub fn run(args: &StressArgs) -> Result<(), Failure> {
         let json = StressJson { table: &table, logs: logs.collect() };
         outln!("{}", serde_json::to_string(&json).map_err(|e| Failure::Other(e.to_string()))?);
     } else {
-        print(args, &table, &reports);
+        print(args, &logs, &table, &reports);
     }
     Ok(())
 }
@@ -175,7 +177,7 @@ fn worst(values: &[f64]) -> Option<f64> {
     values.iter().copied().reduce(f64::max)
 }
 
-fn print(args: &StressArgs, table: &[FaultSummary], reports: &[StressReport]) {
+fn print(args: &StressArgs, logs: &[PathBuf], table: &[FaultSummary], reports: &[StressReport]) {
     outln!(
         "Faults in intervals of {} s, outages of GNSS unless it says otherwise; horizontal errors at the end, median / worst; \
          sigmas: the largest error over what was claimed then",
@@ -219,7 +221,7 @@ fn print(args: &StressArgs, table: &[FaultSummary], reports: &[StressReport]) {
         ]);
     }
     shown.print();
-    for (path, report) in args.logs.iter().zip(reports) {
+    for (path, report) in logs.iter().zip(reports) {
         for (source, t_s) in &report.false_alarms {
             outln!("  {}: {source} called faulty at {t_s:.1} s, nothing put in", path.display());
         }

@@ -3,7 +3,7 @@
 use crate::pipeline::PipelineSettings;
 use crate::sample::Input;
 
-use super::log::{Log, LogError};
+use crate::log::{Log, LogError};
 use super::runner::Runner;
 
 /// A what-if: when it leaves the common way, and when it is done, s since the first sample.

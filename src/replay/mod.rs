@@ -1,7 +1,6 @@
 //! Logs: opening them, playing them through the pipeline, and scoring what came out.
 
 pub mod forks;
-pub mod log;
 pub mod matrix;
 pub mod runner;
 pub mod stress;

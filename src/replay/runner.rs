@@ -14,7 +14,7 @@ use crate::sample::{GnssSample, Input, Reference, Sample, SampleKind};
 use crate::time::{AutopilotTime, Span};
 use crate::wire::clock::AutopilotClock;
 
-use super::log::{Log, LogError, LogSummary};
+use crate::log::{Log, LogError, LogSummary};
 
 /// What the solution is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -13,7 +13,7 @@ use crate::navigator::sources::status::{SourceHealth, SourceKind, SourceReport};
 use crate::pipeline::PipelineSettings;
 
 use super::forks::{self, Branch, starts_between};
-use super::log::{Log, LogError};
+use crate::log::{Log, LogError};
 use super::matrix::{LEAD_S, StressCase};
 use super::runner::Runner;
 use super::sweep::SETTLE_S;

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::pipeline::PipelineSettings;
 use crate::replay::forks::{self, Branch, starts_between};
-use crate::replay::log::{Log, LogError};
+use crate::log::{Log, LogError};
 use crate::replay::runner::Runner;
 use crate::sample::{Input, Reference, Sample};
 use crate::time::AutopilotTime;

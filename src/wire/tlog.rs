@@ -1,4 +1,5 @@
-//! Telemetry logs: 8 bytes of big-endian microseconds since 1970, then the raw frame, again and again.
+//! Telemetry logs: 8 bytes of big-endian microseconds since 1970, then the raw frame, again and again; or the frames alone, as they came
+//! over the link (MAVProxy's `.tlog.raw`).
 //!
 //! The reader streams (a log may be larger than memory) and survives damage: a record whose frame fails its checksum costs that
 //! record, garbage costs its bytes, a truncated tail is counted, and all of it is in [`TlogReader::counters`]. The receive stamps
@@ -18,7 +19,7 @@ const BUFFER_LEN: usize = 1 << 18;
 /// One record of a log.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
-    /// The writer's clock, microseconds since 1970. Not a sample time.
+    /// The writer's clock, microseconds since 1970; 0 in a log without stamps. Not a sample time.
     pub written_us: u64,
     /// The frame; its checksum is right, or its message is unknown.
     pub frame: Frame<'a>,
@@ -27,6 +28,7 @@ pub struct Record<'a> {
 /// Reads the records of a log from any byte source.
 pub struct TlogReader<R> {
     source: R,
+    stamp_len: usize,
     buffer: Vec<u8>,
     start: usize,
     end: usize,
@@ -44,8 +46,18 @@ enum RecordStep {
 impl<R: Read> TlogReader<R> {
     /// A reader over `source`, which need not be buffered.
     pub fn new(source: R) -> Self {
+        Self::with_stamps(source, STAMP_LEN)
+    }
+
+    /// The same for a log of frames alone.
+    pub fn without_stamps(source: R) -> Self {
+        Self::with_stamps(source, 0)
+    }
+
+    fn with_stamps(source: R, stamp_len: usize) -> Self {
         Self {
             source,
+            stamp_len,
             buffer: vec![0; BUFFER_LEN],
             start: 0,
             end: 0,
@@ -62,7 +74,7 @@ impl<R: Read> TlogReader<R> {
     /// Only what the source's `read` returns; damaged bytes are counted, not errors.
     pub fn next_record(&mut self) -> io::Result<Option<Record<'_>>> {
         let Some((from, len)) = self.find_record()? else { return Ok(None) };
-        let (stamp, rest) = self.buffer[from..from + len].split_at(STAMP_LEN);
+        let (stamp, rest) = self.buffer[from..from + len].split_at(self.stamp_len);
         let written_us = stamp.iter().fold(0, |us, &b| us << 8 | u64::from(b));
         match candidate(rest) {
             Candidate::Frame(frame) => Ok(Some(Record { written_us, frame })),
@@ -77,7 +89,7 @@ impl<R: Read> TlogReader<R> {
             if self.start == self.end {
                 return Ok(None);
             }
-            match step(&self.buffer[self.start..self.end], self.at_end) {
+            match step(&self.buffer[self.start..self.end], self.stamp_len, self.at_end) {
                 RecordStep::Record { len, known } => {
                     let from = self.start;
                     self.advance(len);
@@ -142,31 +154,31 @@ impl<R: Read> TlogReader<R> {
 }
 
 /// Decides what the first bytes are. `bytes` holds at least [`LOOK_AHEAD`] bytes unless the log ends before.
-fn step(bytes: &[u8], at_end: bool) -> RecordStep {
+fn step(bytes: &[u8], stamp_len: usize, at_end: bool) -> RecordStep {
     debug_assert!(at_end || bytes.len() >= LOOK_AHEAD);
-    let Some(rest) = bytes.get(STAMP_LEN..) else {
+    let Some(rest) = bytes.get(stamp_len..) else {
         return RecordStep::Skip { skip: bytes.len(), count: None };
     };
     let frame = match candidate(rest) {
         Candidate::Frame(frame) => frame,
         // Nothing after it can be a whole record either if even the shortest one does not fit.
-        Candidate::Short if bytes.len() < STAMP_LEN + 8 => {
+        Candidate::Short if bytes.len() < stamp_len + 8 => {
             return RecordStep::Skip { skip: bytes.len(), count: None };
         }
         Candidate::Short | Candidate::NoFrame => {
-            return RecordStep::Skip { skip: to_next_start(bytes), count: None };
+            return RecordStep::Skip { skip: to_next_start(bytes, stamp_len), count: None };
         }
     };
-    let len = STAMP_LEN + frame.len();
+    let len = stamp_len + frame.len();
     if frame.checksum_fits() {
         return RecordStep::Record { len, known: true };
     }
     // A whole record inside it says that it was none.
-    if let Some(inside) = next_whole(bytes, len) {
+    if let Some(inside) = next_whole(bytes, stamp_len, len) {
         return RecordStep::Skip { skip: inside, count: None };
     }
     // A start byte where the next record has to have it (or the end of the log) says that this really was a record.
-    let next_fits = match bytes.get(len + STAMP_LEN) {
+    let next_fits = match bytes.get(len + stamp_len) {
         Some(&b) => b == 0xFE || b == 0xFD,
         None => len == bytes.len(),
     };
@@ -174,43 +186,28 @@ fn step(bytes: &[u8], at_end: bool) -> RecordStep {
         (true, true) => RecordStep::Skip { skip: len, count: Some(Cause::BadChecksum) },
         (true, false) => RecordStep::Record { len, known: false },
         (false, true) => RecordStep::Skip { skip: 1, count: Some(Cause::BadChecksum) },
-        (false, false) => RecordStep::Skip { skip: to_next_start(bytes), count: None },
+        (false, false) => RecordStep::Skip { skip: to_next_start(bytes, stamp_len), count: None },
     }
 }
 
 /// Bytes to leave behind until a start byte stands behind a stamp again; at least one.
-fn to_next_start(bytes: &[u8]) -> usize {
-    let from = STAMP_LEN + 1;
+fn to_next_start(bytes: &[u8], stamp_len: usize) -> usize {
+    let from = stamp_len + 1;
     let found = bytes.get(from..).and_then(|rest| rest.iter().position(|&b| b == 0xFE || b == 0xFD));
     match found {
         Some(i) => i + 1,
-        None => bytes.len().saturating_sub(STAMP_LEN).max(1),
+        None => bytes.len().saturating_sub(stamp_len).max(1),
     }
 }
 
 /// Where within the first `len` bytes another record begins whose checksum fits.
-fn next_whole(bytes: &[u8], len: usize) -> Option<usize> {
-    (1..len).find(|&from| match bytes.get(from + STAMP_LEN..) {
+fn next_whole(bytes: &[u8], stamp_len: usize, len: usize) -> Option<usize> {
+    (1..len).find(|&from| match bytes.get(from + stamp_len..) {
         Some(rest) if matches!(rest.first(), Some(0xFE | 0xFD)) => {
             matches!(candidate(rest), Candidate::Frame(frame) if frame.checksum_fits())
         }
         _ => false,
     })
-}
-
-/// Names the kind of a file that is no tlog, from its first bytes, to tell its owner what to do.
-pub fn describe_foreign(first: &[u8]) -> Option<&'static str> {
-    if first.starts_with(b"ULog") {
-        Some("this is a PX4 ULog (.ulg); Holdover reads telemetry logs (.tlog)")
-    } else if first.starts_with(&[0xA3, 0x95]) {
-        Some("this is an ArduPilot dataflash log (.bin); Holdover reads telemetry logs (.tlog)")
-    } else if first.first().is_some_and(|&b| b == 0xFE || b == 0xFD) {
-        Some("this looks like raw MAVLink without the 8-byte stamps of a .tlog")
-    } else if !first.is_empty() && first.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) {
-        Some("this is a text file, not a .tlog")
-    } else {
-        None
-    }
 }
 
 #[cfg(test)]
@@ -256,6 +253,23 @@ mod tests {
         assert_eq!(messages, vec![message(1), message(2), message(3)]);
         assert_eq!(counters.seen().count(), 0);
         assert!(!truncated);
+    }
+
+    #[test]
+    fn frames_alone_are_read_and_damage_costs_what_it_hits() {
+        let frames: Vec<Vec<u8>> = (1..=40).map(|i| record(i, i % 2 == 0)[STAMP_LEN..].to_vec()).collect();
+        let mut log = frames.concat();
+        log[frames[..9].concat().len() + 11] ^= 4;
+        log.splice(frames[..20].concat().len()..frames[..20].concat().len(), [0xFD, 3, 0, 7, 9]);
+        let mut reader = TlogReader::without_stamps(log.as_slice());
+        let mut read = Vec::new();
+        while let Some(r) = reader.next_record().unwrap() {
+            read.push(r.frame.parse().unwrap());
+        }
+        let whole: Vec<_> = (1..=40).filter(|i| *i != 10).map(message).collect();
+        assert_eq!(read, whole);
+        assert_eq!(reader.counters().of(Cause::BadChecksum), 1);
+        assert_eq!(reader.counters().of(Cause::Garbage), 5);
     }
 
     #[test]

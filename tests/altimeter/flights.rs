@@ -6,7 +6,7 @@ use crate::heights::{Heights, Told, fly};
 use holdover::altimeter::{Channel, Fault};
 use holdover::config::{Settings, Sources};
 use holdover::navigator::verdict::Reason;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use holdover::sample::{GnssFix, Input, Sample, SampleKind};
 
 const BARO_FAULTS: &str = "ardupilot-copter-baro-faults";

@@ -3,7 +3,7 @@
 
 use holdover::config::{Settings, Sources};
 use holdover::fault::InjectedFault;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use holdover::replay::runner;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;

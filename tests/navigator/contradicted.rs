@@ -7,7 +7,7 @@ use holdover::fault::InjectedFault;
 use holdover::navigator::event::EventKind;
 use holdover::navigator::solution::Mode;
 use holdover::navigator::sources::status::SourceKind;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use holdover::replay::runner::Runner;
 
 /// What came of a flight with a fault.

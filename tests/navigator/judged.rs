@@ -6,7 +6,7 @@ use holdover::config::{Settings, Sources};
 use holdover::fault::InjectedFault;
 use holdover::navigator::event::EventKind;
 use holdover::navigator::sources::status::SourceKind;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use holdover::replay::runner::Runner;
 
 /// What came of a flight with a fault.

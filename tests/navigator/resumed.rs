@@ -14,7 +14,7 @@ use holdover::navigator::event::EventKind;
 use holdover::navigator::memory::{ResumeError, Snapshot};
 use holdover::navigator::solution::{Mode, Solution, VelocitySource};
 use holdover::outbound::alignment::AlignmentMemory;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use holdover::replay::runner::Runner;
 use holdover::sample::{Input, Reference, Sample, SampleKind};
 use holdover::state::{Boot, KeptState, MOST_BYTES, StateError, StateFile, read};

@@ -7,7 +7,7 @@ use holdover::geo::atmosphere::pressure_altitude_m;
 use holdover::navigator::event::EventKind;
 use holdover::navigator::solution::{Mode, Solution};
 use holdover::pipeline::PipelineSettings;
-use holdover::replay::log::{Log, LogError};
+use holdover::log::{Log, LogError};
 use holdover::replay::runner::Runner;
 use holdover::sample::{Input, PressureSample, Reference, Sample};
 use holdover::time::AutopilotTime;

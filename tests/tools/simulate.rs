@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::command::{Ran, holdover};
 use holdover::geo::LocalNed;
-use holdover::replay::log::Log;
+use holdover::log::Log;
 use holdover::sample::{FlowRotation, Input, Reference, Sample, TruthState, VehicleStatus};
 use holdover::sim::models::{AirspeedModel, ImuModel};
 use holdover::sim::{Scenario, SensorSuite, Simulation};

@@ -69,7 +69,7 @@ impl Flight {
 
     /// Boot time of the first sample or reference, µs: what `replay` and `--deny-gnss` count from.
     pub fn start_us(name: &str) -> i64 {
-        let log = holdover::replay::log::Log::open(&path(name), None).unwrap();
+        let log = holdover::log::Log::open(&path(name), None).unwrap();
         let mut start: Option<AutopilotTime> = None;
         log.play(
             |_, _| {},

@@ -1,0 +1,80 @@
+//! MAVLink logs, with or without stamps.
+
+use std::collections::BTreeMap;
+use std::io::{self, Read};
+
+use crate::time::Stamp;
+use crate::wire::decode::Decoder;
+use crate::wire::frame::SystemId;
+use crate::wire::messages;
+use crate::wire::session::identity::{Identity, IdentityConfig, Vehicle};
+use crate::wire::tlog::TlogReader;
+
+use super::{Entry, Listener, LogFormat, LogSummary};
+
+/// A log in which the wanted autopilot does not speak.
+pub(super) struct Silent {
+    pub(super) frames: u64,
+    pub(super) wanted: String,
+    pub(super) heard: String,
+}
+
+fn reader<R: Read>(bytes: R, format: LogFormat) -> TlogReader<R> {
+    if format == LogFormat::RawMavlink { TlogReader::without_stamps(bytes) } else { TlogReader::new(bytes) }
+}
+
+/// The autopilot to follow: the given system, or the first.
+pub(super) fn vehicle(
+    bytes: impl Read,
+    format: LogFormat,
+    system: Option<SystemId>,
+) -> io::Result<Result<Vehicle, Silent>> {
+    let mut reader = reader(bytes, format);
+    let mut identity = Identity::new(IdentityConfig { system, ..IdentityConfig::default() });
+    let mut heard: BTreeMap<SystemId, u64> = BTreeMap::new();
+    while let Some(record) = reader.next_record()? {
+        *heard.entry(record.frame.system()).or_default() += 1;
+        identity.hear(Stamp::from_micros(0), &record.frame);
+        if let Some(vehicle) = identity.vehicle() {
+            return Ok(Ok(*vehicle));
+        }
+    }
+    let heard: Vec<String> = heard.iter().take(12).map(|(s, n)| format!("{} ({n} frames)", s.0)).collect();
+    let wanted =
+        system.map_or("any autopilot".to_owned(), |s| format!("an autopilot with system id {}", s.0));
+    Ok(Err(Silent { frames: reader.counters().frames, wanted, heard: heard.join(", ") }))
+}
+
+/// Reads such a log to its end.
+pub(super) fn play(
+    bytes: impl Read,
+    format: LogFormat,
+    vehicle: &Vehicle,
+    to: &mut Listener<'_>,
+) -> io::Result<LogSummary> {
+    let mut reader = reader(bytes, format);
+    let mut decoder = Decoder::new();
+    decoder.follow(vehicle);
+    let mut names: BTreeMap<u32, Option<&'static str>> = BTreeMap::new();
+    let mut items = Vec::with_capacity(8);
+    while let Some(record) = reader.next_record()? {
+        let (frame, id) = (&record.frame, record.frame.message_id());
+        let name = *names.entry(id).or_insert_with(|| messages::name_of(id));
+        (to.entry)(&Entry { name, id, system: frame.system().0, component: frame.component().0 });
+        decoder.decode(frame, &mut items);
+        for i in items.drain(..) {
+            (to.item)(decoder.clock(), &i);
+        }
+    }
+    let mut counters = decoder.counters().clone();
+    counters.frames = 0;
+    counters.merge(reader.counters());
+    Ok(LogSummary {
+        frames: reader.counters().frames,
+        truncated: reader.truncated(),
+        reboots: decoder.clock().reboots(),
+        repairs: decoder.repairs().clone(),
+        counters,
+        notes: Vec::new(),
+    })
+}

@@ -1,0 +1,197 @@
+//! Logs of one vehicle, whoever wrote them: MAVLink telemetry logs, PX4's ULog, ArduPilot's DataFlash; packed or not.
+//!
+//! [`Log::open`] finds out by content what a file is, and [`Log::play`] turns it into the same [`Input`]s that a live link gives. Every
+//! decoder streams: what a log takes of memory does not grow with it. Damage costs what it hits, and is counted. What each message
+//! of each format becomes stands in `docs/src/logs.md`.
+
+mod error;
+mod folder;
+mod format;
+mod mavlink;
+mod source;
+
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+pub use error::LogError;
+pub use folder::logs_in;
+pub use format::LogFormat;
+
+use crate::sample::Input;
+use crate::wire::clock::AutopilotClock;
+use crate::wire::counters::{Cause, Counters};
+use crate::wire::decode::Repairs;
+use crate::wire::frame::SystemId;
+use crate::wire::session::identity::Vehicle;
+
+/// An opened log whose vehicle is known.
+#[derive(Clone, Debug)]
+pub struct Log {
+    path: PathBuf,
+    bytes: u64,
+    format: LogFormat,
+    vehicle: Vehicle,
+}
+
+/// One message of a log, whatever became of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry<'a> {
+    /// What it is called; `None` for a MAVLink message that is not in the dialect.
+    pub name: Option<&'a str>,
+    /// The format's number of it.
+    pub id: u32,
+    /// The system that sent it.
+    pub system: u8,
+    /// The component that sent it, or which of several sensors it is of.
+    pub component: u8,
+}
+
+/// What was read.
+#[derive(Clone, Debug, Default)]
+pub struct LogSummary {
+    /// Messages that were read whole.
+    pub frames: u64,
+    /// Rejects of the reader and of the decoder.
+    pub counters: Counters,
+    /// The log ended in the middle of a message.
+    pub truncated: bool,
+    /// Reboots of the autopilot.
+    pub reboots: u32,
+    /// What was put right in its messages.
+    pub repairs: Repairs,
+    /// What else is to be said, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Where messages and inputs go, in the order in which they come.
+struct Listener<'a> {
+    /// Every message.
+    entry: &'a mut dyn FnMut(&Entry<'_>),
+    /// Every input.
+    item: &'a mut dyn FnMut(&AutopilotClock, &Input),
+}
+
+impl Log {
+    /// Opens a log and looks for the autopilot to follow: the given system, or the first.
+    ///
+    /// # Errors
+    /// [`LogError`].
+    pub fn open(path: &Path, system: Option<SystemId>) -> Result<Self, LogError> {
+        let io_error = |source| LogError::Io { path: path.to_owned(), source };
+        let meta = std::fs::metadata(path).map_err(io_error)?;
+        if meta.is_dir() {
+            return Err(LogError::Directory { path: path.to_owned(), more: "" });
+        }
+        if meta.len() == 0 {
+            return Err(LogError::Empty { path: path.to_owned() });
+        }
+        let (format, packed_badly) = recognised(path).map_err(io_error)?;
+        let format = format.map_err(|hint| LogError::NotALog {
+            path: path.to_owned(),
+            hint: packed_badly.map_or(hint, |why| format!("it cannot be unpacked: {why}")),
+        })?;
+        let (bytes, _) = source::open(path).map_err(io_error)?;
+        let vehicle = match format {
+            LogFormat::Tlog | LogFormat::RawMavlink => {
+                mavlink::vehicle(bytes, format, system).map_err(io_error)?.map_err(|silent| {
+                    LogError::NoVehicle {
+                        path: path.to_owned(),
+                        frames: silent.frames,
+                        wanted: silent.wanted,
+                        heard: silent.heard,
+                    }
+                })?
+            }
+            LogFormat::Ulog | LogFormat::DataFlash => {
+                let hint = format!("{} is not read yet", format.label());
+                return Err(LogError::NotALog { path: path.to_owned(), hint });
+            }
+        };
+        Ok(Self { path: path.to_owned(), bytes: meta.len(), format, vehicle })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Its size.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// What kind of log it is.
+    pub fn format(&self) -> LogFormat {
+        self.format
+    }
+
+    /// The vehicle that is followed.
+    pub fn vehicle(&self) -> &Vehicle {
+        &self.vehicle
+    }
+
+    /// Reads the log from its beginning. `entry` sees every message with the bytes of the file read so far, `item` everything decoded.
+    ///
+    /// # Errors
+    /// [`LogError::Io`].
+    pub fn play(
+        &self,
+        mut entry: impl FnMut(&Entry<'_>, u64),
+        mut item: impl FnMut(&AutopilotClock, &Input),
+    ) -> Result<LogSummary, LogError> {
+        let io_error = |source| LogError::Io { path: self.path.clone(), source };
+        let (bytes, progress) = source::open(&self.path).map_err(io_error)?;
+        let mut entry = |e: &Entry<'_>| entry(e, progress.read());
+        let mut to = Listener { entry: &mut entry, item: &mut item };
+        let mut summary = match self.format {
+            LogFormat::Tlog | LogFormat::RawMavlink => {
+                mavlink::play(bytes, self.format, &self.vehicle, &mut to)
+            }
+            LogFormat::Ulog | LogFormat::DataFlash => Ok(LogSummary::default()),
+        }
+        .map_err(io_error)?;
+        if let Some(why) = progress.ended() {
+            summary.truncated = true;
+            summary.notes.push(format!("unpacking it ended early: {why}"));
+        }
+        Ok(summary)
+    }
+}
+
+/// What the beginning of a file says that it is, and why it could not be unpacked.
+fn recognised(path: &Path) -> io::Result<(Result<LogFormat, String>, Option<String>)> {
+    let (bytes, progress) = source::open(path)?;
+    let mut first = Vec::new();
+    bytes.take(format::LOOKED_AT as u64).read_to_end(&mut first)?;
+    Ok((format::recognise(&first), progress.ended()))
+}
+
+impl LogSummary {
+    /// Bytes that belong to no message.
+    pub fn skipped_bytes(&self) -> u64 {
+        self.counters.of(Cause::Garbage)
+    }
+
+    /// What is to be said of the log, a line each: what was not used, what was put right, where it breaks off.
+    pub fn remarks(&self) -> Vec<String> {
+        let mut remarks = Vec::new();
+        let rejects: Vec<String> = self.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
+        if !rejects.is_empty() {
+            remarks.push(format!("not used: {}", rejects.join(", ")));
+        }
+        remarks.extend(self.repairs.seen().map(|(repair, n)| format!("{n} {}", repair.label())));
+        if self.truncated {
+            remarks.push("the log ends in the middle of a record".to_owned());
+        }
+        if self.reboots > 0 {
+            remarks.push(format!("the autopilot rebooted {} times", self.reboots));
+        }
+        remarks.extend(self.notes.iter().cloned());
+        remarks
+    }
+
+    /// Damaged frames.
+    pub fn bad_crc(&self) -> u64 {
+        self.counters.of(Cause::BadChecksum)
+    }
+}
