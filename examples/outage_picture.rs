@@ -12,8 +12,8 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use clap::Parser;
-use holdover::navigator::solution::Mode;
 use holdover::log::Log;
+use holdover::navigator::solution::Mode;
 use holdover::replay::runner::{self, Runner};
 use holdover::sample::{Input, Reference, TruthState};
 

@@ -7,8 +7,8 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::config::Settings;
-use crate::navigator::settings::Estimator;
 use crate::log::{Log, LogError};
+use crate::navigator::settings::Estimator;
 use crate::replay::sweep::{SweepRow, airborne, sweep};
 
 use super::logs::LogArgs;

@@ -6,9 +6,9 @@ use std::path::Path;
 use clap::Args;
 use serde::Serialize;
 
-use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::config::Settings;
 use crate::log::{Entry, Log, LogSummary};
+use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
 

@@ -97,9 +97,8 @@ pub fn run(args: &StressArgs) -> Result<(), Failure> {
     let logs = args.logs.find()?;
     let loaded = args.settings.read()?;
     warn(&loaded);
-    let reports = jobs::in_parallel(&logs, args.jobs, args.json, |path| {
-        one(path, &loaded.settings, &cases, args)
-    })?;
+    let reports =
+        jobs::in_parallel(&logs, args.jobs, args.json, |path| one(path, &loaded.settings, &cases, args))?;
     let rows: Vec<&StressRow> = reports.iter().flat_map(|r| &r.rows).collect();
     let table: Vec<FaultSummary> = cases.iter().filter_map(|case| summary(&case.name, &rows)).collect();
     if args.json {

@@ -55,7 +55,7 @@ pub(super) fn recognise(first: &[u8]) -> Result<LogFormat, String> {
     if describes_messages(first) {
         return Ok(LogFormat::DataFlash);
     }
-    if let Some(format) = mavlink(first) {
+    if let Some(format) = telemetry(first) {
         return Ok(format);
     }
     Err(describe(first).into())
@@ -75,7 +75,7 @@ fn describes_messages(first: &[u8]) -> bool {
 }
 
 /// With or without stamps: read the wrong way, stamps are garbage between the frames, and frames are taken for stamps.
-fn mavlink(first: &[u8]) -> Option<LogFormat> {
+fn telemetry(first: &[u8]) -> Option<LogFormat> {
     let stamped = rejected(TlogReader::new(first))?;
     let raw = rejected(TlogReader::without_stamps(first))?;
     let (format, (frames, _)) = if stamped.1 <= raw.1 && stamped.0 > 0 {

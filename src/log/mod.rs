@@ -4,11 +4,16 @@
 //! decoder streams: what a log takes of memory does not grow with it. Damage costs what it hits, and is counted. What each message
 //! of each format becomes stands in `docs/src/logs.md`.
 
+mod dataflash;
 mod error;
 mod folder;
 mod format;
-mod mavlink;
+mod intake;
+pub mod parameters;
+mod row;
 mod source;
+mod telemetry;
+mod ulog;
 
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -16,6 +21,7 @@ use std::path::{Path, PathBuf};
 pub use error::LogError;
 pub use folder::logs_in;
 pub use format::LogFormat;
+pub use parameters::Parameters;
 
 use crate::sample::Input;
 use crate::wire::clock::AutopilotClock;
@@ -59,6 +65,8 @@ pub struct LogSummary {
     pub reboots: u32,
     /// What was put right in its messages.
     pub repairs: Repairs,
+    /// The autopilot's parameters that matter here.
+    pub parameters: Parameters,
     /// What else is to be said, a sentence each.
     pub notes: Vec<String>,
 }
@@ -90,22 +98,22 @@ impl Log {
             path: path.to_owned(),
             hint: packed_badly.map_or(hint, |why| format!("it cannot be unpacked: {why}")),
         })?;
+        let no_message = || LogError::NotALog {
+            path: path.to_owned(),
+            hint: format!("{} by its first bytes, and not a message in it that can be read", format.label()),
+        };
         let (bytes, _) = source::open(path).map_err(io_error)?;
         let vehicle = match format {
-            LogFormat::Tlog | LogFormat::RawMavlink => {
-                mavlink::vehicle(bytes, format, system).map_err(io_error)?.map_err(|silent| {
-                    LogError::NoVehicle {
-                        path: path.to_owned(),
-                        frames: silent.frames,
-                        wanted: silent.wanted,
-                        heard: silent.heard,
-                    }
-                })?
-            }
-            LogFormat::Ulog | LogFormat::DataFlash => {
-                let hint = format!("{} is not read yet", format.label());
-                return Err(LogError::NotALog { path: path.to_owned(), hint });
-            }
+            LogFormat::Tlog | LogFormat::RawMavlink => telemetry::vehicle(bytes, format, system)
+                .map_err(io_error)?
+                .map_err(|silent| LogError::NoVehicle {
+                    path: path.to_owned(),
+                    frames: silent.frames,
+                    wanted: silent.wanted,
+                    heard: silent.heard,
+                })?,
+            LogFormat::Ulog => ulog::vehicle(bytes).map_err(io_error)?.ok_or_else(no_message)?,
+            LogFormat::DataFlash => dataflash::vehicle(bytes).map_err(io_error)?.ok_or_else(no_message)?,
         };
         Ok(Self { path: path.to_owned(), bytes: meta.len(), format, vehicle })
     }
@@ -145,9 +153,10 @@ impl Log {
         let mut to = Listener { entry: &mut entry, item: &mut item };
         let mut summary = match self.format {
             LogFormat::Tlog | LogFormat::RawMavlink => {
-                mavlink::play(bytes, self.format, &self.vehicle, &mut to)
+                telemetry::play(bytes, self.format, &self.vehicle, &mut to)
             }
-            LogFormat::Ulog | LogFormat::DataFlash => Ok(LogSummary::default()),
+            LogFormat::Ulog => ulog::play(bytes, &self.vehicle, &mut to),
+            LogFormat::DataFlash => dataflash::play(bytes, &self.vehicle, &mut to),
         }
         .map_err(io_error)?;
         if let Some(why) = progress.ended() {

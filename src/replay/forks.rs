@@ -3,8 +3,8 @@
 use crate::pipeline::PipelineSettings;
 use crate::sample::Input;
 
-use crate::log::{Log, LogError};
 use super::runner::Runner;
+use crate::log::{Log, LogError};
 
 /// A what-if: when it leaves the common way, and when it is done, s since the first sample.
 #[derive(Clone, Debug)]

@@ -13,10 +13,10 @@ use crate::navigator::sources::status::{SourceHealth, SourceKind, SourceReport};
 use crate::pipeline::PipelineSettings;
 
 use super::forks::{self, Branch, starts_between};
-use crate::log::{Log, LogError};
 use super::matrix::{LEAD_S, StressCase};
 use super::runner::Runner;
 use super::sweep::SETTLE_S;
+use crate::log::{Log, LogError};
 
 /// A case at one start.
 #[derive(Clone, Debug, Serialize)]

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
+use crate::log::{Log, LogError};
 use crate::pipeline::PipelineSettings;
 use crate::replay::forks::{self, Branch, starts_between};
-use crate::log::{Log, LogError};
 use crate::replay::runner::Runner;
 use crate::sample::{Input, Reference, Sample};
 use crate::time::AutopilotTime;

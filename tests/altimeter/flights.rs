@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::heights::{Heights, Told, fly};
 use holdover::altimeter::{Channel, Fault};
 use holdover::config::{Settings, Sources};
-use holdover::navigator::verdict::Reason;
 use holdover::log::Log;
+use holdover::navigator::verdict::Reason;
 use holdover::sample::{GnssFix, Input, Sample, SampleKind};
 
 const BARO_FAULTS: &str = "ardupilot-copter-baro-faults";

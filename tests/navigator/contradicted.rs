@@ -4,10 +4,10 @@ use std::path::Path;
 
 use holdover::config::{Settings, Sources};
 use holdover::fault::InjectedFault;
+use holdover::log::Log;
 use holdover::navigator::event::EventKind;
 use holdover::navigator::solution::Mode;
 use holdover::navigator::sources::status::SourceKind;
-use holdover::log::Log;
 use holdover::replay::runner::Runner;
 
 /// What came of a flight with a fault.

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use holdover::config::{Settings, Sources};
 use holdover::fault::InjectedFault;
+use holdover::log::Log;
 use holdover::navigator::event::EventKind;
 use holdover::navigator::sources::status::SourceKind;
-use holdover::log::Log;
 use holdover::replay::runner::Runner;
 
 /// What came of a flight with a fault.

@@ -4,10 +4,10 @@
 
 use holdover::altimeter::{Channel, Fault};
 use holdover::geo::atmosphere::pressure_altitude_m;
+use holdover::log::{Log, LogError};
 use holdover::navigator::event::EventKind;
 use holdover::navigator::solution::{Mode, Solution};
 use holdover::pipeline::PipelineSettings;
-use holdover::log::{Log, LogError};
 use holdover::replay::runner::Runner;
 use holdover::sample::{Input, PressureSample, Reference, Sample};
 use holdover::time::AutopilotTime;

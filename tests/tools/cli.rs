@@ -30,13 +30,15 @@ fn modes(report: &Value) -> Vec<&str> {
 fn a_path_that_is_no_log_is_named_with_what_it_is() {
     let d = folder();
     let file = |name: &str, bytes: &[u8]| write_log(d.path(), name, bytes);
+    let empty = d.path().join("folder");
+    std::fs::create_dir(&empty).unwrap();
     let cases: &[(std::path::PathBuf, &str)] = &[
         (d.path().join("nothing.tlog"), "nothing.tlog"),
-        (d.path().to_owned(), "directory"),
+        (empty, "directory without a log"),
         (file("empty.tlog", b""), "empty"),
         (file("notes.tlog", b"dear diary, today the drone flew well\n"), "text file"),
         (file("flight.ulg", b"ULog\x01\x12\x35\x01and more that is binary \x00\x01\x02"), "ULog"),
-        (file("flight.bin", b"\xA3\x95\x80\x80\x59FMT\x00BBnNZ and more\x00"), "dataflash"),
+        (file("flight.bin", b"\xA3\x95\x80\x80\x59FMT\x00BBnNZ and more\x00"), "DataFlash"),
         (file("noise.tlog", &[0x55; 4096]), "noise.tlog"),
     ];
     for command in ["replay", "inspect", "evaluate"] {

@@ -13,10 +13,8 @@ use crate::time::Span;
 use super::super::frame::ComponentId;
 use super::super::messages::Meaning;
 use super::repeats::{Novelty, Repeats};
-use super::{Cause, Decoder, Out, Repair, finite, within};
+use super::{Cause, Decoder, Out, Repair, finite, limits, within};
 
-/// Flow faster than this is no flow, rad/s (good sensors end at 7).
-const MAX_FLOW: f64 = 50.0;
 /// MAV_SENSOR_ROTATION_PITCH_270: the beam points along body +z.
 const FACING_DOWN: u8 = 25;
 
@@ -39,8 +37,10 @@ impl Decoder {
     ) -> Result<(), Cause> {
         let time = self.stamped_usec(m.time_usec, from)?;
         let quality = f64::from(m.quality) / 255.0;
-        let rates =
-            [within(m.flow_rate_x, -MAX_FLOW, MAX_FLOW)?, within(m.flow_rate_y, -MAX_FLOW, MAX_FLOW)?];
+        let rates = [
+            within(m.flow_rate_x, -limits::FLOW_RADPS, limits::FLOW_RADPS)?,
+            within(m.flow_rate_y, -limits::FLOW_RADPS, limits::FLOW_RADPS)?,
+        ];
         let compensated = [within(m.flow_comp_m_x, -1e4, 1e4)?, within(m.flow_comp_m_y, -1e4, 1e4)?];
         // ground_distance is not taken: ArduPilot fills it from its own estimator.
         let (rate_xy, rotation) = if self.conventions.flow_comp_is_rate {
@@ -52,7 +52,7 @@ impl Decoder {
             // Sensors that fill the m/s fields only: v = d·rate would need their d. Without rates there is no angle to use.
             return Ok(());
         };
-        if rate_xy.iter().any(|r| r.abs() > MAX_FLOW) {
+        if rate_xy.iter().any(|r| r.abs() > limits::FLOW_RADPS) {
             return Err(Cause::Absurd);
         }
         let sample = FlowSample {
@@ -117,12 +117,12 @@ impl Decoder {
             return Err(Cause::Absurd);
         }
         let flow = [within(m.integrated_x, -100.0, 100.0)? / dt, within(m.integrated_y, -100.0, 100.0)? / dt];
-        if flow.iter().any(|r| r.abs() > MAX_FLOW) {
+        if flow.iter().any(|r| r.abs() > limits::FLOW_RADPS) {
             return Err(Cause::Absurd);
         }
         let gyro = [f64::from(m.integrated_xgyro) / dt, f64::from(m.integrated_ygyro) / dt];
         // NaN is the message's way to say that the sensor has no gyro.
-        let rotation = if gyro.iter().all(|g| g.is_finite() && g.abs() <= MAX_FLOW) {
+        let rotation = if gyro.iter().all(|g| g.is_finite() && g.abs() <= limits::FLOW_RADPS) {
             FlowRotation::SensorGyro(gyro)
         } else {
             FlowRotation::Contained
@@ -175,7 +175,7 @@ impl Decoder {
 
     pub(super) fn rangefinder(&mut self, m: &apm::RANGEFINDER_DATA, out: Out<'_>) -> Result<(), Cause> {
         let time = self.now()?;
-        let distance_m = within(m.distance, -1.0, 1e4)?;
+        let distance_m = within(m.distance, -1.0, limits::RANGE_M)?;
         if self.range.take(1, time) && distance_m > 0.0 {
             let direction = RangeDirection::Down;
             out.push(Input::Sample(Sample::Range(RangeSample {
@@ -197,7 +197,7 @@ impl Decoder {
         if airspeed.is_nan() || airspeed == 0.0 || estimate {
             return Ok(());
         }
-        let airspeed_mps = within(airspeed, -5.0, 200.0)?;
+        let airspeed_mps = within(airspeed, *limits::AIRSPEED_MPS.start(), *limits::AIRSPEED_MPS.end())?;
         out.push(Input::Sample(Sample::Airspeed(AirspeedSample { time, airspeed_mps })));
         Ok(())
     }

@@ -7,9 +7,8 @@ use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
 
-/// What a magnetometer near Earth can tell, T: its field, and what iron and currents of the vehicle make of it. A sensor that was never
-/// written reports zero.
-const POSSIBLE_T: RangeInclusive<f64> = 5e-6..=3e-4;
+use super::limits;
+
 /// Earth's field, T, with room for a sensor that is not calibrated.
 const EARTH_T: RangeInclusive<f64> = 20e-6..=70e-6;
 /// The middle of [`EARTH_T`] by ratio, T.
@@ -32,7 +31,7 @@ impl FieldUnit {
     pub(super) fn put_right(&mut self, field: Vector3<f64>) -> Option<(Vector3<f64>, i32)> {
         let norm = field.norm();
         let corrected = field * 10f64.powi(-self.power);
-        if POSSIBLE_T.contains(&corrected.norm()) {
+        if limits::FIELD_T.contains(&corrected.norm()) {
             self.agreed = 0;
             return Some((corrected, self.power));
         }

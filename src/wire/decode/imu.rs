@@ -7,12 +7,9 @@ use crate::geo::{Body, STANDARD_GRAVITY_MPS2};
 use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
 use crate::time::AutopilotTime;
 
-use super::{Cause, Decoder, Out, Repair, finite, within};
+use super::{Cause, Decoder, Out, Repair, finite, limits, within};
 
 const TESLA_PER_GAUSS: f64 = 1e-4;
-/// Beyond any sensor a small vehicle carries (±16 g to ±32 g; ±2000 °/s to ±4000 °/s).
-const MAX_SPECIFIC_FORCE: f64 = 400.0;
-const MAX_ANGULAR_RATE: f64 = 80.0;
 /// Places of [`Decoder`]'s field units.
 const HIGHRES_FIELD: usize = 0;
 const MILLI_FIELD: usize = 1;
@@ -95,7 +92,9 @@ impl Decoder {
         specific_force_body: Vector3<f64>,
         out: Out<'_>,
     ) -> Result<bool, Cause> {
-        if specific_force_body.amax() > MAX_SPECIFIC_FORCE || angular_rate_body.amax() > MAX_ANGULAR_RATE {
+        if specific_force_body.amax() > limits::SPECIFIC_FORCE_MPS2
+            || angular_rate_body.amax() > limits::ANGULAR_RATE_RADPS
+        {
             return Err(Cause::Absurd);
         }
         // An accelerometer in flight or at rest never reads exactly zero on all axes: the message is a shell without a sensor, as
@@ -151,7 +150,7 @@ impl Decoder {
 }
 
 fn pressure_sample(time: AutopilotTime, sensor: u8, hpa: f32) -> Result<Sample, Cause> {
-    // From 20 km of height to the deepest valley.
-    let pressure_pa = within(hpa, 50.0, 1200.0)? * 100.0;
+    let bounds = limits::PRESSURE_PA;
+    let pressure_pa = within(hpa, bounds.start() * 0.01, bounds.end() * 0.01)? * 100.0;
     Ok(Sample::Pressure(PressureSample { time, sensor, pressure_pa }))
 }

@@ -8,6 +8,7 @@ mod field_unit;
 mod foreign;
 mod gnss;
 mod imu;
+pub mod limits;
 mod reference;
 mod repair;
 mod repeats;
@@ -34,6 +35,7 @@ use field_unit::FieldUnit;
 use foreign::OwnSensors;
 use gnss::Receiver;
 pub use repair::{Repair, Repairs};
+pub use status::airframe;
 
 /// How the two autopilots fill the same messages differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

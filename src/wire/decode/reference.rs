@@ -6,11 +6,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use crate::geo::{BodyToNed, Geodetic, Ned};
 use crate::sample::{Input, Reference, TruthState};
 
-use super::{Cause, Decoder, Out, finite};
-
-/// Further from its origin, or faster, no vehicle of this kind gets.
-const MAX_LOCAL_M: f64 = 1e6;
-const MAX_LOCAL_MPS: f64 = 1e3;
+use super::{Cause, Decoder, Out, finite, limits};
 
 impl Decoder {
     pub(super) fn sim_state(&mut self, m: &apm::SIM_STATE_DATA, out: Out<'_>) -> Result<(), Cause> {
@@ -80,7 +76,7 @@ impl Decoder {
         let time = self.clock.boot_ms(m.time_boot_ms)?;
         let (position_ned, velocity_ned) = (finite(m.x, m.y, m.z)?, finite(m.vx, m.vy, m.vz)?);
         // What is sent is aligned with this: a wild value must not get in.
-        if position_ned.amax() > MAX_LOCAL_M || velocity_ned.amax() > MAX_LOCAL_MPS {
+        if position_ned.amax() > limits::LOCAL_M || velocity_ned.amax() > limits::LOCAL_MPS {
             return Err(Cause::Absurd);
         }
         let (position, velocity) = (Ned::new(position_ned), Ned::new(velocity_ned));

@@ -36,8 +36,8 @@ impl Decoder {
     }
 }
 
-/// `MAV_TYPE`.
-fn airframe(mav_type: u8) -> Option<Airframe> {
+/// What a `MAV_TYPE` can be expected to do.
+pub fn airframe(mav_type: u8) -> Option<Airframe> {
     match mav_type {
         1 | 19..=25 => Some(Airframe::FixedWing),
         2..=4 | 13..=15 | 29 | 35 => Some(Airframe::Multirotor),

@@ -75,6 +75,6 @@ pub(super) fn play(
         reboots: decoder.clock().reboots(),
         repairs: decoder.repairs().clone(),
         counters,
-        notes: Vec::new(),
+        ..LogSummary::default()
     })
 }

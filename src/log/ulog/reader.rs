@@ -1,0 +1,349 @@
+//! The messages of a ULog, one after the other, and around damage.
+//!
+//! The crates for ULog (yule_log 0.4, px4-ulog 0.6) lose everything behind the first damaged byte: of the same file with five kilobytes of
+//! garbage in its middle both gave the first half, of one with thirty flipped bytes the same. ULog has no checksums, but every header
+//! can be tested (a known type, a length that fits it, and the length of a data message is known exactly), so that this reader finds
+//! its way again: a damaged message costs itself, and the search for the next good one is counted by the byte.
+//!
+//! Format: docs.px4.io, "ULog File Format": a header of 16 bytes, then messages of u16 length, u8 type, and so many bytes.
+
+use std::io::{self, Read};
+
+use super::super::format::ULOG_MAGIC;
+
+/// Magic, version, and when logging began, microseconds since boot.
+const FILE_HEADER: usize = 16;
+/// Length (u16) and type of a message.
+const HEADER: usize = 3;
+const BUFFER: usize = 1 << 18;
+/// Enough for the longest message and the headers behind it.
+const LOOK_AHEAD: usize = HEADER + u16::MAX as usize + (CHAIN + 1) * (HEADER + 512);
+/// Headers in a row that have to fit before what stands there is believed after damage.
+const CHAIN: usize = 3;
+/// Everything that a ULog may hold, and the shortest and longest of each.
+const TYPES: [(u8, usize, usize); 13] = [
+    (b'B', 40, 64),
+    (b'F', 5, 8192),
+    (b'I', 4, 4096),
+    (b'M', 5, 65535),
+    (b'P', 6, 512),
+    (b'Q', 7, 512),
+    (b'A', 4, 512),
+    (b'R', 2, 2),
+    (b'D', 2, 65535),
+    (b'L', 9, 1024),
+    (b'C', 11, 1024),
+    (b'S', 8, 8),
+    (b'O', 2, 2),
+];
+
+/// One message: its type, and what follows its header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct UlogMessage<'a> {
+    pub(super) kind: u8,
+    pub(super) payload: &'a [u8],
+}
+
+/// Reads the messages of a log from any byte source.
+pub(super) struct UlogReader<R> {
+    source: R,
+    buffer: Vec<u8>,
+    start: usize,
+    end: usize,
+    at_end: bool,
+    position: u64,
+    /// Shortest and longest data message by the number of its subscription.
+    lengths: Vec<Option<(u16, u16)>>,
+    /// Where appended data begins: no message reaches across.
+    borders: Vec<u64>,
+    lost: bool,
+    pub(super) garbage: u64,
+    pub(super) truncated: bool,
+}
+
+impl<R: Read> UlogReader<R> {
+    /// A reader over `source`, which need not be buffered, and when logging began, microseconds since boot.
+    pub(super) fn new(source: R) -> io::Result<(Self, u64)> {
+        let mut reader = Self {
+            source,
+            buffer: vec![0; BUFFER],
+            start: 0,
+            end: 0,
+            at_end: false,
+            position: 0,
+            lengths: Vec::new(),
+            borders: Vec::new(),
+            lost: false,
+            garbage: 0,
+            truncated: false,
+        };
+        reader.fill()?;
+        let head = &reader.buffer[..reader.end.min(FILE_HEADER)];
+        let began = head.get(8..FILE_HEADER).and_then(|b| b.first_chunk()).map(|b| u64::from_le_bytes(*b));
+        if head.starts_with(ULOG_MAGIC) && began.is_some() {
+            reader.advance(FILE_HEADER);
+        }
+        Ok((reader, began.unwrap_or_default()))
+    }
+
+    /// Data messages of this subscription are so long from now on.
+    pub(super) fn expect(&mut self, id: u16, shortest: u16, longest: u16) {
+        let id = usize::from(id);
+        if self.lengths.len() <= id {
+            self.lengths.resize(id + 1, None);
+        }
+        self.lengths[id] = Some((shortest, longest));
+    }
+
+    /// Data was appended at this byte of the file, after what was being written broke off.
+    pub(super) fn appended_at(&mut self, offset: u64) {
+        if offset > self.position {
+            self.borders.push(offset);
+        }
+    }
+
+    /// The next message, or `None` at the end of the log.
+    ///
+    /// # Errors
+    /// Only what the source's `read` returns; damaged bytes are counted, not errors.
+    pub(super) fn next_message(&mut self) -> io::Result<Option<UlogMessage<'_>>> {
+        loop {
+            self.fill()?;
+            let bytes = &self.buffer[self.start..self.end];
+            if bytes.is_empty() {
+                return Ok(None);
+            }
+            let fits = self.fits(bytes, if self.lost { CHAIN } else { 1 });
+            if let Some(len) = fits {
+                if self.crosses_a_border(len) {
+                    continue;
+                }
+                self.lost = false;
+                let from = self.start;
+                self.advance(len);
+                let message = &self.buffer[from..from + len];
+                return Ok(Some(UlogMessage { kind: message[2], payload: &message[HEADER..] }));
+            }
+            self.skip();
+        }
+    }
+
+    /// Bytes that are no message: on to the next that may begin one.
+    fn skip(&mut self) {
+        let bytes = &self.buffer[self.start..self.end];
+        let to_next = bytes[1..].windows(HEADER).position(|w| header(w).is_some());
+        let n = to_next.map_or(bytes.len().saturating_sub(HEADER - 1).max(1), |i| i + 1);
+        if self.at_end && self.longest_tail(bytes) {
+            self.truncated = true;
+            self.garbage += bytes.len() as u64;
+            self.advance(bytes.len());
+            return;
+        }
+        self.lost = true;
+        self.garbage += n as u64;
+        self.advance(n);
+    }
+
+    /// Whether these last bytes are the beginning of a message that the end of the file cut off.
+    fn longest_tail(&self, bytes: &[u8]) -> bool {
+        !self.lost
+            && (bytes.len() < HEADER
+                || (header(bytes).is_some_and(|len| len > bytes.len()) && self.fits_exactly(bytes).is_some()))
+    }
+
+    /// A message that would reach across the border of appended data was cut off by it.
+    fn crosses_a_border(&mut self, len: usize) -> bool {
+        let (from, to) = (self.position, self.position + len as u64);
+        let Some(&border) = self.borders.iter().find(|b| (from + 1..to).contains(b)) else { return false };
+        let cut = (border - from) as usize;
+        self.garbage += cut as u64;
+        self.advance(cut);
+        true
+    }
+
+    /// The length of the message at the start of `bytes`, if it is one, and the `chain` headers from it on fit.
+    fn fits(&self, bytes: &[u8], chain: usize) -> Option<usize> {
+        let len = header(bytes).filter(|len| *len <= bytes.len())?;
+        let exact = self.fits_exactly(bytes)?;
+        let mut at = len;
+        // A message whose length is known for certain needs no witness.
+        let witnesses = if exact && chain == 1 { 0 } else { chain };
+        for _ in 0..witnesses {
+            let rest = &bytes[at..];
+            // The end of the file cuts the next one off, or it is out of sight.
+            if rest.len() < HEADER {
+                break;
+            }
+            let next = header(rest).filter(|_| self.fits_exactly(rest).is_some())?;
+            at += next;
+            if at > bytes.len() {
+                break;
+            }
+        }
+        Some(len)
+    }
+
+    /// Whether a message's length is the one that its kind has to have (`Some(true)`), or one that it may have (`Some(false)`).
+    fn fits_exactly(&self, bytes: &[u8]) -> Option<bool> {
+        let size = u16::from_le_bytes([bytes[0], bytes[1]]);
+        match bytes[2] {
+            b'D' => {
+                let id = bytes.get(HEADER..HEADER + 2).map(|b| u16::from_le_bytes([b[0], b[1]]));
+                let known = id.and_then(|id| *self.lengths.get(usize::from(id))?);
+                match known {
+                    Some((shortest, longest)) => (shortest..=longest).contains(&size).then_some(true),
+                    None => Some(false),
+                }
+            }
+            b'S' => bytes.get(HEADER..HEADER + 8).is_none_or(|b| b == SYNC).then_some(true),
+            _ => Some(false),
+        }
+    }
+
+    fn advance(&mut self, n: usize) {
+        self.start += n;
+        self.position += n as u64;
+    }
+
+    fn fill(&mut self) -> io::Result<()> {
+        if self.at_end || self.end - self.start >= LOOK_AHEAD {
+            return Ok(());
+        }
+        self.buffer.copy_within(self.start..self.end, 0);
+        self.end -= self.start;
+        self.start = 0;
+        while self.end < self.buffer.len() {
+            match self.source.read(&mut self.buffer[self.end..]) {
+                Ok(0) => {
+                    self.at_end = true;
+                    break;
+                }
+                Ok(n) => self.end += n,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What a synchronisation message holds.
+const SYNC: [u8; 8] = [0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12];
+
+/// The length of the whole message whose header this may be.
+fn header(bytes: &[u8]) -> Option<usize> {
+    let [a, b, kind, ..] = *bytes else { return None };
+    let size = usize::from(u16::from_le_bytes([a, b]));
+    let fits = TYPES.iter().any(|&(k, low, high)| k == kind && (low..=high).contains(&size));
+    fits.then_some(HEADER + size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A message as it stands in a file.
+    fn message(kind: u8, payload: &[u8]) -> Vec<u8> {
+        let size = u16::try_from(payload.len()).unwrap().to_le_bytes();
+        [&size[..], &[kind], payload].concat()
+    }
+
+    /// Message `i` of subscription 7: 30 bytes.
+    fn data(i: u8) -> Vec<u8> {
+        message(b'D', &[&[7, 0][..], &[i; 25]].concat())
+    }
+
+    fn file(messages: &[Vec<u8>]) -> Vec<u8> {
+        let head = [ULOG_MAGIC, &[1], &5_000_000u64.to_le_bytes()].concat();
+        [head, messages.concat()].concat()
+    }
+
+    /// Which data messages were read, and the reader.
+    fn read(bytes: &[u8]) -> (Vec<u8>, u64, bool) {
+        let (mut reader, began) = UlogReader::new(bytes).unwrap();
+        assert_eq!(began, 5_000_000);
+        reader.expect(7, 27, 27);
+        let mut seen = Vec::new();
+        while let Some(m) = reader.next_message().unwrap() {
+            if m.kind == b'D' && m.payload.len() == 27 {
+                seen.push(m.payload[2]);
+            }
+        }
+        (seen, reader.garbage, reader.truncated)
+    }
+
+    #[test]
+    fn messages_are_read_in_their_order() {
+        let messages: Vec<_> = (0..200).map(data).collect();
+        assert_eq!(read(&file(&messages)), ((0..200).collect(), 0, false));
+    }
+
+    #[test]
+    fn damage_costs_what_it_hits() {
+        let messages: Vec<_> = (0..200).map(data).collect();
+        let whole = file(&messages);
+        let at = |i: usize| FILE_HEADER + 30 * i;
+        // A length, a type and a number.
+        for byte in [at(50), at(60) + 2, at(70) + 3] {
+            let mut hit = whole.clone();
+            hit[byte] ^= 0x21;
+            let (seen, garbage, _) = read(&hit);
+            let lost: Vec<u8> = (0..200).filter(|i| !seen.contains(i)).collect();
+            assert!(lost.len() <= 1 && garbage <= 30, "{byte}: {lost:?} {garbage}");
+        }
+        let mut with_garbage = whole.clone();
+        with_garbage
+            .splice(at(100)..at(100), (0..5000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8));
+        assert_eq!(read(&with_garbage), ((0..200).collect(), 5000, false));
+        let (seen, _, truncated) = read(&whole[..at(150) + 11]);
+        assert_eq!((seen, truncated), ((0..150).collect(), true));
+    }
+
+    #[test]
+    fn a_message_that_was_being_written_when_power_failed_hides_nothing_of_what_was_appended() {
+        let mut bytes = file(&(0..10).map(data).collect::<Vec<_>>());
+        bytes.extend_from_slice(&data(10)[..20]);
+        let border = bytes.len() as u64;
+        bytes.extend((20..40).flat_map(data));
+        let (mut reader, _) = UlogReader::new(bytes.as_slice()).unwrap();
+        reader.expect(7, 27, 27);
+        reader.appended_at(border);
+        let mut seen = Vec::new();
+        while let Some(m) = reader.next_message().unwrap() {
+            seen.push(m.payload[2]);
+        }
+        assert_eq!(seen, (0..10).chain(20..40).collect::<Vec<u8>>());
+        assert_eq!(reader.garbage, 20);
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_are_read_to_their_end(bytes in proptest::collection::vec(any::<u8>(), 0..6000), magic in any::<bool>()) {
+            let bytes = if magic { file(&[bytes]) } else { bytes };
+            let (mut reader, _) = UlogReader::new(bytes.as_slice()).unwrap();
+            reader.expect(7, 27, 27);
+            let mut n = 0;
+            while let Some(m) = reader.next_message().unwrap() {
+                n += m.payload.len() + HEADER;
+            }
+            let head = if magic { FILE_HEADER } else { 0 };
+            prop_assert_eq!(n as u64 + reader.garbage + head as u64, bytes.len() as u64);
+        }
+
+        #[test]
+        fn flipped_bits_cost_no_more_than_the_messages_they_hit(hits in proptest::collection::vec((0usize..6000, 0u8..8), 0..6)) {
+            let messages: Vec<_> = (0..200).map(data).collect();
+            let mut bytes = file(&messages);
+            let mut hit = std::collections::BTreeSet::new();
+            for (at, bit) in hits {
+                let at = FILE_HEADER + at % (bytes.len() - FILE_HEADER);
+                bytes[at] ^= 1 << bit;
+                hit.insert((at - FILE_HEADER) / 30);
+            }
+            let (seen, _, _) = read(&bytes);
+            // A message between two damaged ones has no good one behind it that would prove it.
+            prop_assert!(seen.len() + 4 * hit.len() >= 200, "{} of 200, {hit:?}", seen.len());
+        }
+    }
+}
