@@ -105,7 +105,9 @@ impl<R: Read> DataFlashReader<R> {
         match bytes.get(len..) {
             Some([]) | None => self.at_end.then_some(len),
             Some([a]) => (*a == DATAFLASH_HEAD[0] || self.at_end).then_some(len),
-            Some([a, b, ..]) => ([*a, *b] == DATAFLASH_HEAD).then_some(len),
+            Some([a, b, ..]) if [*a, *b] == DATAFLASH_HEAD => Some(len),
+            // A description proves itself; without it all messages of its type are lost.
+            Some(_) => (*kind == DATAFLASH_FMT && described(&bytes[HEADER..len]).is_some()).then_some(len),
         }
     }
 

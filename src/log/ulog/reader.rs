@@ -119,6 +119,7 @@ impl<R: Read> UlogReader<R> {
                     continue;
                 }
                 self.lost = false;
+                self.truncated = false;
                 let from = self.start;
                 self.advance(len);
                 let message = &self.buffer[from..from + len];
@@ -131,24 +132,20 @@ impl<R: Read> UlogReader<R> {
     /// Bytes that are no message: on to the next that may begin one.
     fn skip(&mut self) {
         let bytes = &self.buffer[self.start..self.end];
+        // The end of the file may have cut a message off: then no other is found behind it.
+        self.truncated |= self.at_end && !self.lost && self.is_cut_off(bytes);
         let to_next = bytes[1..].windows(HEADER).position(|w| header(w).is_some());
-        let n = to_next.map_or(bytes.len().saturating_sub(HEADER - 1).max(1), |i| i + 1);
-        if self.at_end && self.longest_tail(bytes) {
-            self.truncated = true;
-            self.garbage += bytes.len() as u64;
-            self.advance(bytes.len());
-            return;
-        }
+        let rest = if self.at_end { bytes.len() } else { bytes.len().saturating_sub(HEADER - 1).max(1) };
+        let n = to_next.map_or(rest, |i| i + 1);
         self.lost = true;
         self.garbage += n as u64;
         self.advance(n);
     }
 
-    /// Whether these last bytes are the beginning of a message that the end of the file cut off.
-    fn longest_tail(&self, bytes: &[u8]) -> bool {
-        !self.lost
-            && (bytes.len() < HEADER
-                || (header(bytes).is_some_and(|len| len > bytes.len()) && self.fits_exactly(bytes).is_some()))
+    /// Whether these last bytes may be the beginning of a message.
+    fn is_cut_off(&self, bytes: &[u8]) -> bool {
+        let longer = header(bytes).is_some_and(|len| len > bytes.len());
+        bytes.len() < HEADER || (longer && self.fits_exactly(bytes).is_some())
     }
 
     /// A message that would reach across the border of appended data was cut off by it.
@@ -161,22 +158,28 @@ impl<R: Read> UlogReader<R> {
         true
     }
 
-    /// The length of the message at the start of `bytes`, if it is one, and the `chain` headers from it on fit.
+    /// The length of the message at the start of `bytes`, if it is one, and the `chain` headers from it on fit. A chain of several is for
+    /// what stands behind damage, where a data message of a number that nobody registered proves nothing.
     fn fits(&self, bytes: &[u8], chain: usize) -> Option<usize> {
         let len = header(bytes).filter(|len| *len <= bytes.len())?;
-        let exact = self.fits_exactly(bytes)?;
+        let searching = chain > 1;
+        let believed =
+            |bytes: &[u8]| self.fits_exactly(bytes).filter(|exact| *exact || !searching || bytes[2] != b'D');
+        let exact = believed(bytes)?;
         let mut at = len;
         // A message whose length is known for certain needs no witness.
-        let witnesses = if exact && chain == 1 { 0 } else { chain };
+        let witnesses = if exact && !searching { 0 } else { chain };
         for _ in 0..witnesses {
             let rest = &bytes[at..];
             // The end of the file cuts the next one off, or it is out of sight.
             if rest.len() < HEADER {
                 break;
             }
-            let next = header(rest).filter(|_| self.fits_exactly(rest).is_some())?;
-            at += next;
+            at += header(rest).filter(|_| believed(rest).is_some())?;
             if at > bytes.len() {
+                if searching && self.at_end {
+                    return None;
+                }
                 break;
             }
         }
