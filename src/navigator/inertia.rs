@@ -13,16 +13,20 @@ use crate::geo::STANDARD_GRAVITY_MPS2;
 use crate::time::AutopilotTime;
 
 use super::Mode;
+use super::context::SourceFacts;
 use super::core::Core;
 use super::event::TransitionReason;
 use super::height::HeightReading;
 use super::judge::{self, Charge};
+use super::monitor::inertia_jumps::JumpFinding;
 use super::monitor::inertia_witness::Testimony;
 use super::monitor::plausibility::Plausible;
+use super::reset::Reset;
 use super::sources::gnss::FixReading;
 use super::sources::status::{SourceId, SourceKind};
 use super::verdict::Reason;
 use crate::navigator::tuning::inertia_witness::{LEAST_MPS2, TILT_SIGMAS, UNKNOWN_MPS2, WRONG_FOR_S};
+use crate::navigator::tuning::shadow::{FLIES_M, FLIES_MPS};
 
 const IMU: SourceId = SourceId::only(SourceKind::Imu);
 
@@ -80,6 +84,44 @@ pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &Heig
     if knows_tilt(core, LEAST_MPS2) && core.witnesses.barometer.testimony(now) == Testimony::Contradicts {
         lose(core, now);
     }
+}
+
+/// Whether an axis has jumped: then the filter is what it would be had it known, and what is published follows.
+pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFacts) {
+    if core.witnesses.jumps.waits(now) {
+        return;
+    }
+    let aided = core.mode == Mode::Aided && core.integrity.trusted();
+    let flies = flies(core, facts);
+    let windows = core.estimator.jump_windows();
+    if aided && flies {
+        core.witnesses.jumps.learn(now, windows, core.estimator.jump_windows_alone());
+    }
+    match core.witnesses.jumps.judge(now, windows, (aided, flies)) {
+        JumpFinding::Quiet => {}
+        JumpFinding::Suspected { window, jump, odds } => {
+            core.estimator.suspect_jump(window, jump, odds);
+            let held = core.statuses.charge(IMU) == Some(Charge::Jumped);
+            if held && core.witnesses.jumps.is_quiet(now) {
+                judge::acquit(core, now, IMU);
+            }
+        }
+        JumpFinding::Found { window, jump } => {
+            judge::accuse(core, now, IMU, Charge::Jumped);
+            let Some(moved) = core.estimator.believe_jump(window, jump) else { return };
+            core.timeline.reset(&Reset::Relocated);
+            core.published.stays(&moved.position_ned);
+            core.witnesses.forget();
+        }
+        JumpFinding::Hopeless => lose(core, now),
+    }
+}
+
+/// Whether the vehicle is in the air, or as fast as if it were.
+fn flies(core: &Core, facts: &SourceFacts) -> bool {
+    let fast = core.estimator.estimate().is_some_and(|(_, v)| v.xy().norm() > FLIES_MPS);
+    let above_m = core.height.height_m().zip(facts.ground).map(|(height, ground)| height - ground.height_m);
+    !facts.resting && (fast || above_m.is_some_and(|h| h > FLIES_M))
 }
 
 /// Whether the vehicle can do what is estimated.

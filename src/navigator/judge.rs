@@ -41,6 +41,9 @@ pub enum Charge {
     /// Motion shows another heading.
     #[strum(serialize = "contradicts motion")]
     ContradictsMotion,
+    /// A bias or scale of it has changed: it is corrected, and used with caution until that has proven right.
+    #[strum(serialize = "has jumped")]
+    Jumped,
     /// It fits far worse than it is taken to be noisy, and is used with caution.
     #[strum(serialize = "fits badly")]
     FitsBadly,
@@ -55,7 +58,7 @@ impl Charge {
     /// What it makes of the source: one that is only suspect is still used, with caution.
     pub fn health(self) -> SourceHealth {
         match self {
-            Charge::FitsBadly => SourceHealth::Suspect,
+            Charge::FitsBadly | Charge::Jumped => SourceHealth::Suspect,
             _ => SourceHealth::Faulty,
         }
     }

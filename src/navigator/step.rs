@@ -181,6 +181,7 @@ impl Navigator {
         let core = &mut self.core;
         core.estimator.observer_mut().injected(s.time, dt, report, &core.settings.observer);
         inertia::judge_speed(core, s.time);
+        inertia::judge_axes(core, s.time, &facts);
         self.advance(s, dt, &facts);
     }
 

@@ -48,7 +48,7 @@ impl Core {
                     p += p_budget;
                     v += v_budget;
                 }
-                (p + anchor, v)
+                (p + anchor + self.estimator.suspected(), v)
             }
             (Mode::Holdover | Mode::Lost, None, Some((p, v))) => (p + self.published.offset_covariance(), v),
             (Mode::Aided | Mode::Rejoining, ..) => {

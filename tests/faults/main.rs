@@ -12,3 +12,4 @@ mod command;
 mod any_list;
 mod by_command;
 mod gnss;
+mod imu;

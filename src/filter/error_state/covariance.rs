@@ -69,15 +69,45 @@ impl ErrorTransition {
         self.load_squared += load * load * dt;
     }
 
-    /// P ← Φ P Φᵀ + Q. False when what came of it is not finite.
-    pub(super) fn propagate_covariance(&self, p: &mut Covariance, settings: &EskfSettings) -> bool {
+    /// Attitude at the beginning.
+    pub(super) fn start(&self) -> &Matrix3<f64> {
+        &self.r_start
+    }
+
+    /// ∫ ‖ω‖² dt, rad²/s.
+    pub(super) fn rate_squared(&self) -> f64 {
+        self.rate_squared
+    }
+
+    /// What comes after it.
+    pub(super) fn append(&mut self, next: &Self) {
+        self.dt += next.dt;
+        self.turn *= next.turn;
+        self.rotation += next.rotation;
+        self.impulse_ned += next.impulse_ned;
+        self.angle += next.angle;
+        self.rate_squared += next.rate_squared;
+        self.load_squared += next.load_squared;
+    }
+
+    /// Φ of the time since the beginning.
+    pub(super) fn phi(&self) -> Phi {
         let dt = self.dt;
         let turn_t = self.turn.transpose();
         // A gyro error acts in the axes of its own moment: those of the end and of the beginning, half and half.
         let by_bias = (turn_t + Matrix3::identity()) * (0.5 * dt);
         let by_scale = (turn_t + Matrix3::identity()) * 0.5 * Matrix3::from_diagonal(&self.angle);
         let tilt = hat(&self.impulse_ned) * self.r_start;
-        let phi = Phi { dt, turn_t, by_bias, by_scale, tilt, rotation: self.rotation };
+        Phi { dt, turn_t, by_bias, by_scale, tilt, rotation: self.rotation }
+    }
+
+    /// P ← Φ P Φᵀ + Q. False when what came of it is not finite.
+    pub(super) fn propagate_covariance(
+        &self,
+        phi: &Phi,
+        p: &mut Covariance,
+        settings: &EskfSettings,
+    ) -> bool {
         let mut u = Rows9::zeros();
         for (to, from) in u.data.0.iter_mut().zip(&p.data.0) {
             *to = phi.times(|i| from[i]);
@@ -133,7 +163,7 @@ impl ErrorTransition {
 }
 
 /// Φ, the rows of θ, p and v: the others are those of the identity.
-struct Phi {
+pub(super) struct Phi {
     dt: f64,
     turn_t: Matrix3<f64>,
     by_bias: Matrix3<f64>,
@@ -145,7 +175,7 @@ struct Phi {
 impl Phi {
     /// Φ x, by the components of x. One vector at a time stays in registers.
     #[inline(always)]
-    fn times(&self, x: impl Fn(usize) -> f64) -> [f64; 9] {
+    pub(super) fn times(&self, x: impl Fn(usize) -> f64) -> [f64; 9] {
         let three = |at: usize| Vector3::new(x(at), x(at + 1), x(at + 2));
         let (theta, velocity) = (three(THETA), three(V));
         let pulled = self.tilt * theta;

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::covariance::{Covariance, ErrorTransition};
+use super::jumps::JumpBank;
 use super::tuning::COVARIANCE_STEP_S;
 use super::{Eskf, EskfSettings, EskfState, STATES};
 use crate::geo::{polar_rotation, symmetric};
@@ -94,6 +95,15 @@ impl EskfMemory {
         let p: Covariance = symmetric::covariance::<STATES>(&self.covariance)?;
         let pending = ErrorTransition::new(state.r_body_to_ned);
         let covariance_step_s = COVARIANCE_STEP_S;
-        Some(Eskf { settings, state, p, pending, covariance_step_s, steps: 0, sound: true })
+        Some(Eskf {
+            settings,
+            state,
+            p,
+            pending,
+            covariance_step_s,
+            steps: 0,
+            sound: true,
+            jumps: JumpBank::new(false),
+        })
     }
 }

@@ -14,6 +14,7 @@
 
 mod carry;
 mod covariance;
+mod jumps;
 mod measure;
 mod memory;
 #[cfg(test)]
@@ -26,9 +27,11 @@ use crate::geo::polar_rotation;
 use crate::geo::so3::exp;
 pub use carry::Doubt;
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
+use jumps::JumpBank;
+pub use jumps::{IMU_JUMPS, JUMPS, JumpFit, JumpWindow};
 pub use measure::{Lag, SeenFlow};
 pub use memory::EskfMemory;
-use tuning::{COVARIANCE_STEP_S, REORTHONORMALISE};
+use tuning::{COVARIANCE_STEP_S, JUMP_ONSET_PART, REORTHONORMALISE};
 
 /// Size of the error state.
 pub const STATES: usize = 29;
@@ -198,6 +201,8 @@ pub struct Eskf {
     steps: u32,
     /// What the covariance became last was finite.
     sound: bool,
+    /// What may have jumped.
+    jumps: JumpBank,
 }
 
 impl Eskf {
@@ -230,6 +235,7 @@ impl Eskf {
             covariance_step_s: COVARIANCE_STEP_S,
             steps: 0,
             sound: true,
+            jumps: JumpBank::new(false),
         }
     }
 
@@ -324,6 +330,47 @@ impl Eskf {
         }
     }
 
+    /// Whether jumps of what is taken for constant are watched for.
+    pub fn watch_for_jumps(&mut self, on: bool) {
+        self.jumps = JumpBank::new(on);
+    }
+
+    /// What the innovations since some onsets show of jumps; none where nobody watches for them.
+    pub fn jump_windows(&self) -> &[JumpWindow] {
+        self.jumps.windows()
+    }
+
+    /// The filter was set anew: innovations of before say nothing of jumps since.
+    pub fn forget_jumps(&mut self) {
+        self.jumps.forget();
+    }
+
+    /// A state has jumped at a window's beginning, or some time after it: the filter is what it would be had it known, and leaves open what it does not
+    /// know of the size. `None` where nothing shows the jump.
+    pub fn believe_jump(&mut self, window: usize, jump: usize) -> Option<Correction> {
+        self.propagate_covariance();
+        self.jumps.catch_up();
+        let shown = self.jumps.windows().get(window)?;
+        let fit = shown.fit(jump)?;
+        let (effect, variance) = shown.effect(jump);
+        let variance = variance + (JUMP_ONSET_PART * fit.size).powi(2);
+        for j in 0..STATES {
+            for i in 0..STATES {
+                self.p[(i, j)] += effect[i] * effect[j] * variance;
+            }
+        }
+        let dx = effect * fit.size;
+        self.inject(&dx);
+        self.restart_transition();
+        self.jumps.forget();
+        Some(Correction {
+            position_ned: dx.fixed_rows::<3>(P).into_owned(),
+            velocity_ned: dx.fixed_rows::<3>(V).into_owned(),
+            nis: fit.square,
+            all: dx,
+        })
+    }
+
     /// Noise density of the gyros from now on, rad/s/√Hz.
     pub fn set_gyro_noise(&mut self, density: f64) {
         self.settings.gyro_noise = density;
@@ -379,7 +426,9 @@ impl Eskf {
     /// Brings the covariance up to the nominal state.
     fn propagate_covariance(&mut self) {
         if self.pending.dt > 0.0 {
-            self.sound &= self.pending.propagate_covariance(&mut self.p, &self.settings);
+            let phi = self.pending.phi();
+            self.sound &= self.pending.propagate_covariance(&phi, &mut self.p, &self.settings);
+            self.jumps.propagate(&self.pending);
             self.restart_transition();
         }
     }
@@ -403,6 +452,7 @@ impl Eskf {
         if normalised.is_finite() && normalised.abs() <= self.settings.gate_sigma {
             Ok((s, ph))
         } else {
+            self.jumps.observe(h, innovation, s, None);
             Err(Gated(normalised))
         }
     }
@@ -412,6 +462,7 @@ impl Eskf {
         let (s, ph) = self.gate(h, innovation, variance)?;
         // The gate has seen that s is finite.
         self.sound &= ph.sum().is_finite();
+        self.jumps.observe(h, innovation, s, Some(&ph));
         reduce(&mut self.p, &ph, s);
         let dx = ph * (innovation / s);
         self.inject(&dx);

@@ -8,3 +8,12 @@ pub(super) const REORTHONORMALISE: u32 = 100;
 /// Slower than this through the air, neither airspeed nor sideslip say anything, m/s: a pitot tube shows the square of it, and the direction of
 /// the wind's error is the sideslip's.
 pub(super) const MIN_AIRSPEED: f64 = 3.0;
+/// The onsets of jumps that are watched for: so many, so far apart, s.
+pub(super) const JUMP_WINDOWS: usize = 4;
+pub(super) const JUMP_SPACING_S: f64 = 4.0;
+/// Their sensitivity follows the motion in steps of this, s.
+pub(super) const JUMP_STEP_S: f64 = 0.1;
+/// A jump happened between two onsets: its size is off by about this part of it.
+pub(super) const JUMP_ONSET_PART: f64 = 0.5;
+/// In them an innovation counts for no more than so many sigmas.
+pub(super) const OUTLIER_SIGMAS: f64 = 5.0;

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3};
 use crate::camera::FlowCalibration;
 use crate::filter::Jitter;
 use crate::filter::error_state::{
-    AirModel, Eskf, EskfMemory, EskfSettings, EskfState, Lag, SeenFlow, StartSigma,
+    AirModel, Correction, Eskf, EskfMemory, EskfSettings, EskfState, Lag, SeenFlow, StartSigma,
 };
 use crate::geo::so3;
 use crate::observer::ObserverState;
@@ -147,8 +147,10 @@ impl ErrorStateStage {
             accel_bias: Vector3::repeat(START_ACCEL_BIAS),
             flow,
         };
+        let mut filter = Eskf::new(settings, start, &sigma);
+        filter.watch_for_jumps(true);
         Some(Self {
-            filter: Eskf::new(settings, start, &sigma),
+            filter,
             configured_gyro_noise: settings.gyro_noise,
             magnetic_due: now,
             height_due: now,
@@ -165,7 +167,8 @@ impl ErrorStateStage {
         settings: &NavigatorSettings,
     ) -> Option<Self> {
         let (settings, _) = filter_settings(settings);
-        let filter = memory.filter(settings)?;
+        let mut filter = memory.filter(settings)?;
+        filter.watch_for_jumps(true);
         let configured_gyro_noise = settings.gyro_noise;
         Some(Self {
             filter,
@@ -178,14 +181,22 @@ impl ErrorStateStage {
         })
     }
 
-    /// The same filter in a coarser form that costs less: the covariance in steps of so many seconds, magnetometer and height so often, s.
-    pub(in super::super) fn shadow(&self, covariance_step_s: f64, periods_s: [f64; 2]) -> Self {
+    /// The same filter in a coarser form that costs less: the covariance in steps of so many seconds, magnetometer and height so often, s; and whether it
+    /// watches for jumps.
+    pub(in super::super) fn shadow(
+        &self,
+        covariance_step_s: f64,
+        periods_s: [f64; 2],
+        watches: bool,
+    ) -> Self {
         let mut filter = self.filter.clone();
         filter.set_covariance_step(covariance_step_s);
+        filter.watch_for_jumps(watches);
         Self { filter, periods_s, lookback: None, watch: Watch::default(), ..*self }
     }
 
     fn forget_past(&mut self) {
+        self.filter.forget_jumps();
         if let Some(lookback) = &mut self.lookback {
             lookback.forget();
         }
@@ -201,6 +212,11 @@ impl ErrorStateStage {
         &mut self.filter
     }
 
+    /// An axis of the IMU has jumped; what was before stays its past.
+    pub(super) fn believe_jump(&mut self, window: usize, jump: usize) -> Option<Correction> {
+        self.filter.believe_jump(window, jump)
+    }
+
     /// Takes back what was measured since `then`: the filter goes on from there by inertia alone, but for the height. How far that moves it,
     /// position and velocity, NED, m and m/s; `None` where nothing is remembered.
     pub(super) fn go_back(
@@ -212,6 +228,7 @@ impl ErrorStateStage {
         let (before, after) = (*self.filter.state(), *filter.state());
         let climbed = before.position_ned.z - after.position_ned.z;
         filter.shift_origin(&Vector3::new(0.0, 0.0, -climbed));
+        filter.forget_jumps();
         self.filter = filter;
         let moved = after.position_ned - before.position_ned;
         Some((Vector3::new(moved.x, moved.y, 0.0), after.velocity_ned - before.velocity_ned))

@@ -17,9 +17,9 @@ mod proven;
 mod step;
 mod without_inertia;
 
-use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix2, Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
-use crate::filter::error_state::{Doubt, EskfMemory, EskfState};
+use crate::filter::error_state::{EskfMemory, EskfState};
 use crate::filter::{HeadingEstimate, Jitter};
 use crate::observer::{Innovation, ObserverState};
 use crate::sample::ImuSample;
@@ -73,6 +73,8 @@ pub(super) struct EstimatorStack {
     shadows: Shadows,
     /// What the covariance has grown by in this outage.
     growth: Growth,
+    /// What the horizontal position may be off by for a jump of the IMU's that is suspected, m².
+    suspected: Matrix2<f64>,
 }
 
 impl EstimatorStack {
@@ -91,6 +93,7 @@ impl EstimatorStack {
             coasted_s: None,
             shadows: Shadows::new(),
             growth: Growth::default(),
+            suspected: Matrix2::zeros(),
         }
     }
 
@@ -350,14 +353,6 @@ impl EstimatorStack {
         let position = stage.filter().state().position_ned.xy() + by_ne;
         stage.filter_mut().reset_position(&position, sigma_m);
         true
-    }
-
-    /// The position may be off by `sigma_m` more than the error-state filter thinks.
-    pub(super) fn doubt_position(&mut self, sigma_m: f64) {
-        self.shadows.abort();
-        if let Some(stage) = self.error_state_mut() {
-            stage.filter_mut().doubt(&Doubt { position: sigma_m, ..Doubt::NONE });
-        }
     }
 
     /// Whether the error-state filter runs.

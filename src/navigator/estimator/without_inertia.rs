@@ -1,6 +1,8 @@
 //! The estimator while the IMU is not believed, and what is doubted when it was wrong.
 
-use crate::filter::error_state::Doubt;
+use nalgebra::Matrix2;
+
+use crate::filter::error_state::{Correction, Doubt, JumpWindow};
 use crate::sample::ImuSample;
 
 use super::EstimatorStack;
@@ -32,10 +34,50 @@ impl EstimatorStack {
         self.doubted();
     }
 
+    /// The position may be off by `sigma_m` more than the error-state filter thinks.
+    pub(in super::super) fn doubt_position(&mut self, sigma_m: f64) {
+        self.shadows.abort();
+        if let Some(stage) = self.error_state_mut() {
+            stage.filter_mut().doubt(&Doubt { position: sigma_m, ..Doubt::NONE });
+        }
+    }
+
     /// There is inertia again: the attitude is found anew.
     pub(in super::super) fn feel_again(&mut self) {
         if self.coasted_s.take().is_some() && self.has_error_state() {
             self.settling = Some(Settling::default());
         }
+    }
+
+    /// What the filter's innovations show of jumps of the IMU's axes; none while its word is not asked for.
+    pub(in super::super) fn jump_windows(&self) -> &[JumpWindow] {
+        let asked = self.coasted_s.is_none() && !self.is_settling();
+        self.error_state().filter(|_| asked).map_or(&[], |stage| stage.filter().jump_windows())
+    }
+
+    /// The same of a dead reckoning beside GNSS, while one goes on.
+    pub(in super::super) fn jump_windows_alone(&self) -> &[JumpWindow] {
+        self.shadows.jump_windows()
+    }
+
+    /// An axis has jumped: what the filter makes of it, as it moves it.
+    pub(in super::super) fn believe_jump(&mut self, window: usize, jump: usize) -> Option<Correction> {
+        let correction = self.error_state_mut()?.believe_jump(window, jump);
+        self.doubted();
+        correction
+    }
+
+    /// What a jump that is only suspected would move the horizontal position by, as a covariance, m².
+    pub(in super::super) fn suspect_jump(&mut self, window: usize, jump: usize, odds: f64) {
+        let windows = self.jump_windows();
+        self.suspected = windows
+            .get(window)
+            .and_then(|w| w.moves(jump))
+            .map_or(Matrix2::zeros(), |moved| moved * moved.transpose() * odds);
+    }
+
+    /// That, m².
+    pub(in super::super) fn suspected(&self) -> &Matrix2<f64> {
+        &self.suspected
     }
 }

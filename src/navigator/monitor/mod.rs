@@ -7,6 +7,7 @@ mod frozen_fixes;
 pub(super) mod gnss_by_flow;
 pub mod gnss_integrity;
 pub(super) mod heading_witness;
+pub(super) mod inertia_jumps;
 pub(super) mod inertia_trust;
 pub(super) mod inertia_witness;
 pub(super) mod mode;

@@ -1,6 +1,7 @@
 //! Who can testify against the vehicle's own heading and inertia.
 
 use super::heading_witness::HeadingWitness;
+use super::inertia_jumps::InertiaJumps;
 use super::inertia_trust::InertiaTrust;
 use super::inertia_witness::{HorizontalWitness, VerticalWitness};
 use super::plausibility::Plausibility;
@@ -20,6 +21,8 @@ pub(in super::super) struct Witnesses {
     turned: Option<AutopilotTime>,
     /// What the vehicle can do.
     pub(in super::super) plausibility: Plausibility,
+    /// The filter's innovations, of the IMU's axes.
+    pub(in super::super) jumps: InertiaJumps,
     /// What came of that.
     pub(in super::super) inertia: InertiaTrust,
 }

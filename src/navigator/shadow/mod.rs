@@ -17,6 +17,7 @@ mod run;
 
 use nalgebra::{Matrix2, Vector2};
 
+use crate::filter::error_state::JumpWindow;
 use crate::sample::ImuSample;
 use crate::time::AutopilotTime;
 
@@ -180,6 +181,12 @@ impl Shadows {
     /// What was measured, whatever would carry an outage that began now first.
     pub(super) fn measured(&self) -> Vec<MeasuredDrift> {
         self.drift.measured(self.present.carrier, self.air)
+    }
+
+    /// What innovations without GNSS show of jumps of the IMU's axes, while a shadow with all that carries goes on.
+    pub(super) fn jump_windows(&self) -> &[JumpWindow] {
+        let carried = &self.slots[0];
+        carried.run.as_deref().filter(|_| carried.going.is_some()).map_or(&[], Run::jump_windows)
     }
 
     /// Whatever sets the filter's state anew makes the comparison void.

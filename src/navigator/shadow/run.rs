@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
+use crate::filter::error_state::JumpWindow;
 use crate::geo::Body;
 use crate::sample::ImuSample;
 use crate::time::{AutopilotTime, Span};
@@ -83,7 +84,8 @@ pub(super) struct Drifted {
 impl Run {
     /// Begins where the filter is, and knows it as well.
     pub(super) fn start(now: AutopilotTime, from: &ErrorStateStage, goes: Goes) -> Self {
-        let stage = from.shadow(COVARIANCE_STEP_S, [MAGNETIC_PERIOD_S, HEIGHT_PERIOD_S]);
+        let stage =
+            from.shadow(COVARIANCE_STEP_S, [MAGNETIC_PERIOD_S, HEIGHT_PERIOD_S], goes == Goes::Carried);
         let start = stage.filter().position_covariance().fixed_view::<2, 2>(0, 0).into_owned();
         let (mean, carried) = (ImuSum::default(), CarriedSeconds::default());
         Self { stage, goes, started: now, start, flow_due: now, mean, carried, horizon: 0 }
@@ -92,6 +94,11 @@ impl Run {
     /// Its age at a time, s.
     pub(super) fn age_s(&self, at: AutopilotTime) -> f64 {
         at.seconds_since(self.started)
+    }
+
+    /// What its innovations show of jumps of the IMU's axes.
+    pub(super) fn jump_windows(&self) -> &[JumpWindow] {
+        self.stage.filter().jump_windows()
     }
 
     /// What has carried it, if one has for nearly all of its time and it flew.

@@ -235,6 +235,36 @@ pub(in crate::navigator) mod inertia_witness {
     pub(in crate::navigator) const WRONG_FOR_S: f64 = 5.0;
 }
 
+/// Jumps of the IMU's axes.
+pub(in crate::navigator) mod inertia_jumps {
+    /// They are looked for this often, s, and in windows that are at least so long, s.
+    pub(in crate::navigator) const LOOK_S: f64 = 0.2;
+    pub(in crate::navigator) const YOUNGEST_S: f64 = 1.0;
+    /// What a jump explains, as a square of sigmas, before it was seen (1 for white noise), how firmly, how many count, one in so long, s.
+    pub(in crate::navigator) const SPREAD: f64 = 2.0;
+    pub(in crate::navigator) const FIRM: f64 = 12.0;
+    pub(in crate::navigator) const MEMORY: f64 = 60.0;
+    pub(in crate::navigator) const LEARN_S: f64 = 4.0;
+    /// Slower turns make no errors that matter, rad/s.
+    pub(in crate::navigator) const CALM: f64 = 0.15;
+    /// Nothing is said before so many were seen in flight.
+    pub(in crate::navigator) const LEARNED: u32 = 8;
+    /// It has to last for this long, s: without GNSS, and with.
+    pub(in crate::navigator) const LASTS_S: f64 = 0.4;
+    pub(in crate::navigator) const LASTS_AIDED_S: f64 = 2.0;
+    /// One has jumped beyond what would happen once in 10^10 windows, were what is usual normal (it has longer tails), and where that explains more than a rival does by so much, as a square of sigmas: a
+    /// hundred times as likely.
+    pub(in crate::navigator) const DECADES: f64 = 10.0;
+    pub(in crate::navigator) const CLEAR_OF: f64 = 9.2;
+    /// Before anything is seen no axis has jumped within these seconds: ln of the odds, once in a thousand windows.
+    pub(in crate::navigator) const UNLIKELY: f64 = 6.9;
+    /// Axes that nothing has been suspected of for this long are sound again, s.
+    pub(in crate::navigator) const QUIET_S: f64 = 15.0;
+    /// More jumps than this, each within this of the last, s, are no jumps.
+    pub(in crate::navigator) const REPEATED: u32 = 4;
+    pub(in crate::navigator) const REPEATED_S: f64 = 15.0;
+}
+
 /// Dead reckoning.
 pub(in crate::navigator) mod outage {
     /// What carries is told when it has carried for this long, s.

@@ -10,8 +10,8 @@ pub(super) mod shadow;
 
 pub(super) use decisions::{
     budget, core, doppler_track, environment, event_log, flow_travel, frozen_fixes, gnss_by_flow,
-    gnss_integrity, heading_witness, height, inertia_witness, landmark_fix, memory, outage, plausibility,
-    published, relative, step, stream, uncertainty, vehicle,
+    gnss_integrity, heading_witness, height, inertia_jumps, inertia_witness, landmark_fix, memory, outage,
+    plausibility, published, relative, step, stream, uncertainty, vehicle,
 };
 pub(super) use estimation::{
     error_state, estimator, estimator_step, exogenous, heading, hole, lookback, observer,

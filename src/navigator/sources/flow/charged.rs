@@ -11,7 +11,7 @@ use super::super::super::context::Context;
 use super::super::super::solution::Mode;
 use super::super::super::timeline::Timeline;
 use super::super::drag::DragSource;
-use super::super::status::{SourceHealth, SourceId, SourceKind};
+use super::super::status::{SourceId, SourceKind};
 use super::witness::{Contradiction, FlowAndInertia};
 use super::{FlowSensor, FlowSource, MeasuredFlow, gnss_velocity};
 use crate::navigator::tuning::flow::{
@@ -225,8 +225,8 @@ impl FlowSource {
         let inertial = SourceId::only(SourceKind::Imu);
         let by_filter = core.estimator.flow_errors().filter(|_| self.carrier(core) == Some(index));
         let sensor = &mut self.sensors[index];
-        if core.statuses.charge(inertial).is_some_and(|charge| charge.health() == SourceHealth::Faulty) {
-            // The witness is a liar: what it has said does not hold.
+        if core.statuses.charge(inertial).is_some() {
+            // The witness is a liar, or was until now: what it has said does not hold.
             sensor.witness.forget();
             return sensor.astray.take().map(|_| FlowFinding::Back);
         }
@@ -244,8 +244,8 @@ impl FlowSource {
         let (_, v_ned) = core.estimator.estimate()?;
         let compared = sensor.against_inertia(m, context)?;
         match sensor.witness.note(&compared, sensor.astray.is_some()) {
-            // Where drag agrees with it, it is inertia that has gone.
-            Some(found) if found.is_denied_by(drag, v_ned.z, context) => {
+            // Where drag agrees with it, or all measurements together, it is inertia that has gone.
+            Some(found) if core.witnesses.jumps.suspects() || found.is_denied_by(drag, v_ned.z, context) => {
                 sensor.witness.forget();
                 None
             }
