@@ -9,8 +9,11 @@ use serde::Serialize;
 use crate::config::Settings;
 use crate::log::{Log, LogError};
 use crate::navigator::settings::Estimator;
-use crate::replay::sweep::{SweepRow, airborne, sweep};
+use crate::replay::losses::{LEAST_S, LossRow, losses};
+use crate::replay::runner::ReferenceKind;
+use crate::replay::sweep::{SETTLE_S, SweepRow, survey, sweep};
 
+use super::inspect::lacking;
 use super::logs::LogArgs;
 use super::table::{Table, median, number};
 use super::{ConfigArgs, Failure, jobs, warn};
@@ -50,9 +53,27 @@ struct OutageRow {
     row: SweepRow,
 }
 
-#[derive(Serialize)]
-struct Rows<'a> {
-    rows: &'a [OutageRow],
+/// A loss of GNSS that a log holds.
+#[derive(Clone, Debug, Serialize)]
+struct NaturalLoss {
+    log: String,
+    estimator: &'static str,
+    #[serde(flatten)]
+    row: LossRow,
+}
+
+/// A log without rows, and why.
+#[derive(Clone, Debug, Serialize)]
+struct WithoutRows {
+    log: String,
+    why: String,
+}
+
+#[derive(Default, Serialize)]
+struct Evaluation {
+    rows: Vec<OutageRow>,
+    losses: Vec<NaturalLoss>,
+    without_rows: Vec<WithoutRows>,
 }
 
 /// One log with one estimator.
@@ -84,23 +105,102 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
             jobs.push(Job { path: path.clone(), settings: loaded.settings });
         }
     }
-    let swept = jobs::in_parallel(&jobs, args.jobs, args.json, |job| one(job, args))?;
-    let rows: Vec<OutageRow> = swept.into_iter().flatten().collect();
+    let done = jobs::in_parallel(&jobs, args.jobs, args.json, |job| Ok::<_, Failure>(one(job, args)))?;
+    let mut all = Evaluation::default();
+    let (mut failed, mut read) = (None, 0);
+    for (job, done) in jobs.iter().zip(done) {
+        match done {
+            Ok(one) => {
+                read += 1;
+                all.rows.extend(one.rows);
+                all.losses.extend(one.losses);
+                all.without_rows.extend(one.without_rows);
+            }
+            // One that cannot be read costs itself, among others.
+            Err(error) => all
+                .without_rows
+                .push(WithoutRows { log: name(&job.path), why: failed.insert(error).to_string() }),
+        }
+    }
+    all.without_rows.dedup_by(|a, b| a.log == b.log);
+    if let Some(error) = failed.filter(|_| read == 0) {
+        return Err(Failure::Log(error));
+    }
+    if all.rows.is_empty() && all.losses.is_empty() {
+        let why = all.without_rows.iter().map(|w| format!("{}: {}", w.log, w.why)).collect::<Vec<_>>();
+        return Err(Failure::Lacking(why.join("\n")));
+    }
     if args.json {
-        let text = serde_json::to_string(&Rows { rows: &rows }).map_err(|e| Failure::Other(e.to_string()))?;
-        outln!("{text}");
+        outln!("{}", serde_json::to_string(&all).map_err(|e| Failure::Other(e.to_string()))?);
     } else {
-        print_table(&rows, &logs, args);
+        print_table(&all.rows, &logs, args);
+        print_losses(&all.losses);
+    }
+    for without in &all.without_rows {
+        eprintln!("holdover: {}: {}", without.log, without.why);
     }
     Ok(())
 }
 
-fn one(job: &Job, args: &EvaluateArgs) -> Result<Vec<OutageRow>, LogError> {
+fn one(job: &Job, args: &EvaluateArgs) -> Result<Evaluation, LogError> {
     let log = Log::open(&job.path, job.settings.system)?;
-    let flight = airborne(&log)?;
-    let rows = sweep(&log, &job.settings.pipeline, flight, &args.lengths, args.starts)?;
-    let estimator = job.settings.pipeline.navigator.estimator.label();
-    Ok(rows.into_iter().map(|row| OutageRow { log: name(&job.path), estimator, row }).collect())
+    let (pipeline, name) = (&job.settings.pipeline, name(&job.path));
+    let survey = survey(&log)?;
+    let estimator = pipeline.navigator.estimator.label();
+    let without = |why: String| Evaluation {
+        without_rows: vec![WithoutRows { log: name.clone(), why }],
+        ..Evaluation::default()
+    };
+    if let Some(why) = lacking(&survey.heard, &survey.imu) {
+        return Ok(without(why));
+    }
+    let Some((from, to)) = survey.airborne else {
+        return Ok(without("the vehicle does not fly in it".to_owned()));
+    };
+    let mut found = Vec::new();
+    if survey.longest_loss_s >= LEAST_S {
+        found = losses(&log, pipeline, survey.airborne)?;
+    }
+    let rows = sweep(&log, pipeline, survey.airborne, &args.lengths, args.starts)?;
+    let mut all = Evaluation::default();
+    if rows.is_empty() {
+        all = without(format!(
+            "no outage of these lengths fits into its flight of {:.0} s, of which {SETTLE_S} s are to settle in",
+            to - from
+        ));
+    }
+    all.rows = rows.into_iter().map(|row| OutageRow { log: name.clone(), estimator, row }).collect();
+    all.losses = found.into_iter().map(|row| NaturalLoss { log: name.clone(), estimator, row }).collect();
+    Ok(all)
+}
+
+/// The losses that are in the logs, where the autopilot's own filter is a peer: in the outages above it had GNSS.
+fn print_losses(losses: &[NaturalLoss]) {
+    if losses.is_empty() {
+        return;
+    }
+    outln!(
+        "\nLosses of GNSS in the logs themselves; \"own\" is the autopilot's own estimate, which had no GNSS either"
+    );
+    let mut table =
+        Table::new(&["log", "estimator", "at s", "length s", "error m", "sigma m", "own m", "against"]);
+    for loss in losses {
+        let short = Path::new(&loss.log).file_stem().map(|s| s.to_string_lossy().into_owned());
+        table.row(vec![
+            short.unwrap_or_default(),
+            loss.estimator.into(),
+            number(Some(loss.row.start_s), 1),
+            number(Some(loss.row.length_s), 1),
+            number(loss.row.error_m, 1),
+            number(loss.row.sigma_m, 1),
+            number(loss.row.own_error_m, 1),
+            match loss.row.reference {
+                ReferenceKind::Truth => "truth".into(),
+                ReferenceKind::Gnss => "the first fix".into(),
+            },
+        ]);
+    }
+    table.print();
 }
 
 fn name(path: &Path) -> String {

@@ -7,6 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::config::Settings;
+use crate::log::stretches::Stretches;
 use crate::log::{Entry, Log, LogSummary};
 use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
@@ -33,34 +34,10 @@ pub struct InspectArgs {
 /// IMU streams slower than this cannot be integrated, Hz.
 const LEAST_IMU_HZ: f64 = 20.0;
 
-/// Rate and gaps of one kind of sample.
-#[derive(Clone, Copy, Debug, Default)]
-struct KindStatistics {
-    n: u64,
-    first: Option<AutopilotTime>,
-    last: Option<AutopilotTime>,
-    longest_gap_s: f64,
-}
-
-impl KindStatistics {
-    fn note(&mut self, time: AutopilotTime) {
-        if let Some(last) = self.last {
-            self.longest_gap_s = self.longest_gap_s.max(time.seconds_since(last));
-        }
-        self.n += 1;
-        self.first.get_or_insert(time);
-        self.last = self.last.max(Some(time));
-    }
-
-    fn rate_hz(&self) -> Option<f64> {
-        let span = self.last?.seconds_since(self.first?);
-        (span > 0.0 && self.n > 1).then(|| (self.n - 1) as f64 / span)
-    }
-}
-
 #[derive(Debug, Serialize)]
 struct InspectReport {
     log: String,
+    format: &'static str,
     duration_s: f64,
     autopilot: String,
     system: u8,
@@ -70,10 +47,12 @@ struct InspectReport {
     truncated: bool,
     reboots: u32,
     samples: Vec<KindReport>,
+    imu_holes: Vec<HoleReport>,
     truth: bool,
-    messages: Vec<MessageReport>,
     can: Vec<String>,
     lacks: Option<String>,
+    parameters: Vec<ParameterReport>,
+    messages: Vec<MessageReport>,
 }
 
 #[derive(Debug, Serialize)]
@@ -82,6 +61,22 @@ struct KindReport {
     count: u64,
     rate_hz: Option<f64>,
     longest_gap_s: f64,
+    /// Gaps of more than 2.5 s, which are not in the rate.
+    holes: u32,
+    missing_s: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct ParameterReport {
+    name: &'static str,
+    value: f32,
+    what: &'static str,
+}
+
+#[derive(Debug, Serialize)]
+struct HoleReport {
+    from_s: f64,
+    to_s: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -92,8 +87,8 @@ struct MessageReport {
     count: u64,
 }
 
-/// What is missing for any navigation, in words; `None` if nothing is.
-pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<String> {
+/// What is missing for any navigation, in words; `None` if nothing is. Of GNSS receivers fixes are counted, whatever else they tell.
+pub fn lacking(heard: &[u64; SampleKind::ALL.len()], imu: &Stretches) -> Option<String> {
     let names = |wanted: bool| -> Vec<&str> {
         SampleKind::ALL.iter().filter(|k| (heard[**k as usize] > 0) == wanted).map(|k| k.label()).collect()
     };
@@ -101,11 +96,10 @@ pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<
         n if n.is_empty() => "no sensor at all".to_owned(),
         n => n.join(", "),
     };
-    let imu = heard[SampleKind::Imu as usize];
-    let rate = imu as f64 / duration_s.max(1e-3);
-    if imu == 0 {
+    let rate = imu.rate_hz().unwrap_or(0.0);
+    if imu.count() == 0 {
         return Some(format!(
-            "no IMU: it holds {heard_names}. Holdover needs HIGHRES_IMU (or SCALED_IMU, or ArduPilot's RAW_IMU) at {LEAST_IMU_HZ} Hz or more"
+            "no IMU: it holds {heard_names}. Holdover needs an IMU at {LEAST_IMU_HZ} Hz or more (of MAVLink HIGHRES_IMU, SCALED_IMU or ArduPilot's RAW_IMU)"
         ));
     }
     if rate < LEAST_IMU_HZ {
@@ -115,7 +109,7 @@ pub fn lacking(heard: &[u64; SampleKind::ALL.len()], duration_s: f64) -> Option<
     }
     if heard[SampleKind::Gnss as usize] == 0 && heard[SampleKind::Flow as usize] == 0 {
         return Some(format!(
-            "no GNSS (GPS_RAW_INT) to start from, and no optical flow to do without; it holds {heard_names}"
+            "no GNSS fix to start from, and no optical flow to do without; it holds {heard_names}"
         ));
     }
     None
@@ -127,7 +121,7 @@ type MessageCounts = BTreeMap<(u8, u8, u32), (String, u64)>;
 /// What a log holds for the navigator.
 #[derive(Clone, Debug, Default)]
 struct Contents {
-    kinds: [KindStatistics; SampleKind::ALL.len()],
+    kinds: [Stretches; SampleKind::ALL.len()],
     truth: bool,
     airframe: Option<Airframe>,
     span: Option<(AutopilotTime, AutopilotTime)>,
@@ -164,13 +158,27 @@ fn report(
     landmarks: Option<&LandmarkSetup>,
 ) -> InspectReport {
     let duration_s = contents.span.map_or(0.0, |(a, b)| b.seconds_since(a));
-    let heard: [u64; SampleKind::ALL.len()] = std::array::from_fn(|i| contents.kinds[i].n);
+    let heard: [u64; SampleKind::ALL.len()] = std::array::from_fn(|i| contents.kinds[i].count());
+    let imu = &contents.kinds[SampleKind::Imu as usize];
     let kind = |&k: &SampleKind| {
         let s = &contents.kinds[k as usize];
-        KindReport { kind: k.label(), count: s.n, rate_hz: s.rate_hz(), longest_gap_s: s.longest_gap_s }
+        let (holes, missing_s) = s.holes();
+        KindReport {
+            kind: k.label(),
+            count: s.count(),
+            rate_hz: s.rate_hz(),
+            longest_gap_s: s.longest_gap_s(),
+            holes,
+            missing_s,
+        }
+    };
+    let hole = |(ended, gap_s): (AutopilotTime, f64)| {
+        let to_s = contents.span.map_or(0.0, |(from, _)| ended.seconds_since(from));
+        HoleReport { from_s: to_s - gap_s, to_s }
     };
     InspectReport {
         log: log.path().display().to_string(),
+        format: log.format().label(),
         duration_s,
         autopilot: log.vehicle().autopilot.to_string(),
         system: log.vehicle().system.0,
@@ -180,6 +188,7 @@ fn report(
         truncated: summary.truncated,
         reboots: summary.reboots,
         samples: SampleKind::ALL.iter().map(kind).collect(),
+        imu_holes: imu.shown().map(hole).collect(),
         truth: contents.truth,
         messages: messages
             .into_iter()
@@ -191,7 +200,12 @@ fn report(
             })
             .collect(),
         can: abilities(&heard, contents.truth, contents.airframe, landmarks),
-        lacks: lacking(&heard, duration_s),
+        lacks: lacking(&heard, imu),
+        parameters: summary
+            .parameters
+            .all()
+            .map(|(name, value, what)| ParameterReport { name, value: value as f32, what })
+            .collect(),
     }
 }
 
@@ -279,22 +293,22 @@ fn abilities(
 }
 
 fn print_report(r: &InspectReport, summary: &LogSummary) {
-    outln!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, r.autopilot, r.system);
-    outln!("  {} frames", r.frames);
+    outln!("{}: {:.1} s, {} (system {}), {}", r.log, r.duration_s, r.autopilot, r.system, r.format);
+    outln!("  {} messages", r.frames);
     for remark in summary.remarks() {
         outln!("  {remark}");
     }
-    outln!("\nSamples");
-    let mut table = Table::new(&["", "count", "Hz", "longest gap s"]);
-    for s in r.samples.iter().filter(|s| s.count > 0) {
-        let rate = super::table::number(s.rate_hz, 1);
-        table.row(vec![s.kind.into(), s.count.to_string(), rate, format!("{:.2}", s.longest_gap_s)]);
-    }
-    table.print();
+    print_samples(r);
     outln!("\nWhat Holdover can do with it");
     match &r.lacks {
         Some(reason) => outln!("  nothing: {reason}"),
         None => r.can.iter().for_each(|c| outln!("  {c}")),
+    }
+    if !r.parameters.is_empty() {
+        outln!("\nParameters of the autopilot");
+    }
+    for p in &r.parameters {
+        outln!("  {:<16} {:>10}  {}", p.name, p.value, p.what);
     }
     outln!("\nMessages");
     let mut table = Table::new(&["message", "system", "component", "count"]);
@@ -307,4 +321,25 @@ fn print_report(r: &InspectReport, summary: &LogSummary) {
         ]);
     }
     table.print();
+}
+
+fn print_samples(r: &InspectReport) {
+    outln!("\nSamples");
+    let mut table = Table::new(&["", "count", "Hz", "longest gap s", "holes", "missing s"]);
+    for s in r.samples.iter().filter(|s| s.count > 0) {
+        let rate = super::table::number(s.rate_hz, 1);
+        let (holes, missing) = (s.holes.to_string(), format!("{:.1}", s.missing_s));
+        table.row(vec![
+            s.kind.into(),
+            s.count.to_string(),
+            rate,
+            format!("{:.2}", s.longest_gap_s),
+            holes,
+            missing,
+        ]);
+    }
+    table.print();
+    for hole in &r.imu_holes {
+        outln!("  no IMU from {:.1} to {:.1} s", hole.from_s, hole.to_s);
+    }
 }

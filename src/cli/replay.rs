@@ -168,7 +168,7 @@ fn one(args: &ReplayArgs, path: &Path, out: Option<&Path>, settings: &Settings) 
         csv.finish()?;
     }
     let outcome = runner.outcome();
-    if let Some(reason) = lacking(&outcome.heard, outcome.duration_s) {
+    if let Some(reason) = lacking(&outcome.heard, &outcome.imu) {
         return Err(Failure::Lacking(format!("{}: {reason}", path.display())));
     }
     let report = ReplayReport {

@@ -10,7 +10,7 @@ use crate::fault::InjectedFault;
 use crate::log::{Log, LogError};
 use crate::replay::matrix::{StressCase, matrix};
 use crate::replay::stress::{StressReport, StressRow, stress};
-use crate::replay::sweep::airborne;
+use crate::replay::sweep::survey;
 
 use super::logs::LogArgs;
 use super::table::{Table, median, number};
@@ -136,7 +136,7 @@ fn one(
     args: &StressArgs,
 ) -> Result<StressReport, LogError> {
     let log = Log::open(path, settings.system)?;
-    let flight = airborne(&log)?;
+    let flight = survey(&log)?.airborne;
     stress(&log, &settings.pipeline, flight, cases, args.length, args.starts)
 }
 

@@ -12,6 +12,7 @@ mod intake;
 pub mod parameters;
 mod row;
 mod source;
+pub mod stretches;
 mod telemetry;
 mod ulog;
 

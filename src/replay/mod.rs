@@ -1,6 +1,7 @@
 //! Logs: opening them, playing them through the pipeline, and scoring what came out.
 
 pub mod forks;
+pub mod losses;
 pub mod matrix;
 pub mod runner;
 pub mod stress;

@@ -14,6 +14,7 @@ use crate::sample::{GnssSample, Input, Reference, Sample, SampleKind};
 use crate::time::{AutopilotTime, Span};
 use crate::wire::clock::AutopilotClock;
 
+use crate::log::stretches::Stretches;
 use crate::log::{Log, LogError, LogSummary};
 
 /// What the solution is compared with.
@@ -56,6 +57,7 @@ pub struct Runner {
     modes: Vec<ModeChange>,
     events: Vec<(f64, Event)>,
     heard: [u64; SampleKind::ALL.len()],
+    imu: Stretches,
     sent: Vec<OutboundMessage>,
     solution: Option<Solution>,
 }
@@ -77,8 +79,10 @@ pub struct Outcome {
     pub modes: Vec<ModeChange>,
     /// Events with their time, s.
     pub events: Vec<(f64, Event)>,
-    /// Samples heard by kind.
+    /// Samples heard by kind; of GNSS receivers, fixes.
     pub heard: [u64; SampleKind::ALL.len()],
+    /// The IMU's rate and holes.
+    pub imu: Stretches,
 }
 
 impl Runner {
@@ -97,6 +101,7 @@ impl Runner {
             modes: Vec::new(),
             events: Vec::new(),
             heard: [0; SampleKind::ALL.len()],
+            imu: Stretches::default(),
             sent: Vec::with_capacity(4),
             solution: None,
         }
@@ -160,8 +165,13 @@ impl Runner {
         let withheld = self.mask.withholds(item);
         self.end = self.end.max(Some(time));
         let t = self.seconds(time);
-        if let Input::Sample(sample) = item {
-            self.heard[sample.kind() as usize] += 1;
+        match item {
+            Input::Sample(Sample::Gnss(fix)) if fix.position.is_none() => {}
+            Input::Sample(sample) => self.heard[sample.kind() as usize] += 1,
+            _ => {}
+        }
+        if let Input::Sample(Sample::Imu(_)) = item {
+            self.imu.note(time);
         }
         if let Input::Sample(Sample::Gnss(fix)) = item {
             // The withheld fix is compared with, and never used.
@@ -243,6 +253,7 @@ impl Runner {
             modes: self.modes.clone(),
             events: self.events.clone(),
             heard: self.heard,
+            imu: self.imu,
         }
     }
 }

@@ -2,11 +2,12 @@
 
 use serde::Serialize;
 
+use crate::log::stretches::Stretches;
 use crate::log::{Log, LogError};
 use crate::pipeline::PipelineSettings;
 use crate::replay::forks::{self, Branch, starts_between};
 use crate::replay::runner::Runner;
-use crate::sample::{Input, Reference, Sample};
+use crate::sample::{Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
 
 /// One outage, scored.
@@ -36,52 +37,79 @@ pub struct SweepRow {
 const AIRBORNE_M: [f64; 2] = [2.0, 10.0];
 const AIRBORNE_MPS: [f64; 2] = [5.0, 3.0];
 /// Time that the navigation has to settle with GNSS in the air before the first outage, s.
-pub(super) const SETTLE_S: f64 = 30.0;
+pub const SETTLE_S: f64 = 30.0;
 
-/// From when to when a log's vehicle flies, seconds since the first sample: truth where there is one, else GNSS.
+/// What a log holds, as far as outages in it are concerned.
+#[derive(Clone, Debug, Default)]
+pub struct Survey {
+    /// From when to when the vehicle flies, seconds since the first sample: by truth where there is one, else by GNSS.
+    pub airborne: Option<(f64, f64)>,
+    /// Samples by kind; of GNSS receivers, fixes.
+    pub heard: [u64; SampleKind::ALL.len()],
+    /// The IMU's rate and holes.
+    pub imu: Stretches,
+    /// The longest time between two fixes, s.
+    pub longest_loss_s: f64,
+}
+
+/// Height and speed of whoever tells them, on the way to a [`Survey`].
+#[derive(Clone, Copy, Debug, Default)]
+struct Flying {
+    ground_m: [Option<f64>; 2],
+    from_to: [Option<(f64, f64)>; 2],
+}
+
+impl Flying {
+    /// `source` 0 is truth, 1 GNSS.
+    fn note(&mut self, source: usize, t: f64, height_m: f64, speed_mps: f64) {
+        let ground = self.ground_m[source].get_or_insert(height_m);
+        if height_m - *ground > AIRBORNE_M[source] || speed_mps > AIRBORNE_MPS[source] {
+            self.from_to[source] = Some(self.from_to[source].map_or((t, t), |(from, _)| (from, t)));
+        }
+    }
+}
+
+/// Reads a log through.
 ///
 /// # Errors
 /// What reading the log says.
-pub fn airborne(log: &Log) -> Result<Option<(f64, f64)>, LogError> {
-    let mut start: Option<AutopilotTime> = None;
-    let mut ground: [Option<f64>; 2] = [None; 2];
-    let mut flying: [Option<(f64, f64)>; 2] = [None; 2];
+pub fn survey(log: &Log) -> Result<Survey, LogError> {
+    let (mut start, mut fixed): (Option<AutopilotTime>, Option<f64>) = (None, None);
+    let (mut survey, mut flying) = (Survey::default(), Flying::default());
     log.play(
         |_, _| {},
         |_, item| {
-            let (time, source, height, speed) = match item {
-                Input::Sample(s) => {
-                    start.get_or_insert(s.time());
-                    match s {
-                        Sample::Gnss(g) => match g.position {
-                            Some(p) => {
-                                (g.time, 1, p.height_m, g.ground_velocity.map_or(0.0, |v| v.speed_mps))
-                            }
-                            None => return,
-                        },
-                        _ => return,
-                    }
-                }
-                Input::Reference(r) => {
-                    start.get_or_insert(r.time());
-                    match r {
-                        Reference::Truth(t) => match (t.position, t.velocity) {
-                            (Some(p), Some(v)) => (t.time, 0, p.height_m, v.raw().xy().norm()),
-                            _ => return,
-                        },
-                        _ => return,
-                    }
-                }
+            let time = match item {
+                Input::Sample(s) => s.time(),
+                Input::Reference(r) => r.time(),
                 _ => return,
             };
-            let t = start.map_or(0.0, |s| time.seconds_since(s));
-            let ground = ground[source].get_or_insert(height);
-            if height - *ground > AIRBORNE_M[source] || speed > AIRBORNE_MPS[source] {
-                flying[source] = Some(flying[source].map_or((t, t), |(from, _)| (from, t)));
+            let t = time.seconds_since(*start.get_or_insert(time));
+            match item {
+                Input::Sample(Sample::Gnss(g)) => {
+                    let Some(p) = g.position else { return };
+                    survey.heard[SampleKind::Gnss as usize] += 1;
+                    let loss_s = fixed.replace(t).map_or(0.0, |before| t - before);
+                    survey.longest_loss_s = survey.longest_loss_s.max(loss_s);
+                    flying.note(1, t, p.height_m, g.ground_velocity.map_or(0.0, |v| v.speed_mps));
+                }
+                Input::Sample(s) => {
+                    survey.heard[s.kind() as usize] += 1;
+                    if matches!(s, Sample::Imu(_)) {
+                        survey.imu.note(time);
+                    }
+                }
+                Input::Reference(Reference::Truth(truth)) => {
+                    if let (Some(p), Some(v)) = (truth.position, truth.velocity) {
+                        flying.note(0, t, p.height_m, v.raw().xy().norm());
+                    }
+                }
+                _ => {}
             }
         },
     )?;
-    Ok(flying[0].or(flying[1]))
+    survey.airborne = flying.from_to[0].or(flying.from_to[1]);
+    Ok(survey)
 }
 
 /// Outages of all `lengths`, `starts` of each, spread evenly over the flight. A length that does not fit has no rows.
