@@ -113,7 +113,7 @@ impl<R: Read> UlogReader<R> {
             if bytes.is_empty() {
                 return Ok(None);
             }
-            let fits = self.fits(bytes, if self.lost { CHAIN } else { 1 });
+            let fits = self.fits(bytes, self.lost);
             if let Some(len) = fits {
                 if self.crosses_a_border(len) {
                     continue;
@@ -158,17 +158,16 @@ impl<R: Read> UlogReader<R> {
         true
     }
 
-    /// The length of the message at the start of `bytes`, if it is one, and the `chain` headers from it on fit. A chain of several is for
-    /// what stands behind damage, where a data message of a number that nobody registered proves nothing.
-    fn fits(&self, bytes: &[u8], chain: usize) -> Option<usize> {
+    /// The length of the message at the start of `bytes`, if it is one: one that proves itself, or one that others follow. While
+    /// `searching` behind damage others have to follow in any case, and a data message of a number that nobody registered is none.
+    fn fits(&self, bytes: &[u8], searching: bool) -> Option<usize> {
         let len = header(bytes).filter(|len| *len <= bytes.len())?;
-        let searching = chain > 1;
         let believed =
             |bytes: &[u8]| self.fits_exactly(bytes).filter(|exact| *exact || !searching || bytes[2] != b'D');
         let exact = believed(bytes)?;
         let mut at = len;
-        // A message whose length is known for certain needs no witness.
-        let witnesses = if exact && !searching { 0 } else { chain };
+        // A message whose length or content is what it has to be needs no witness.
+        let witnesses = if exact && !searching { 0 } else { CHAIN };
         for _ in 0..witnesses {
             let rest = &bytes[at..];
             // The end of the file cuts the next one off, or it is out of sight.
@@ -186,21 +185,42 @@ impl<R: Read> UlogReader<R> {
         Some(len)
     }
 
-    /// Whether a message's length is the one that its kind has to have (`Some(true)`), or one that it may have (`Some(false)`).
+    /// Whether a message's length and the beginning of its content are what its kind has to have (`Some(true)`), or may be
+    /// (`Some(false)`).
     fn fits_exactly(&self, bytes: &[u8]) -> Option<bool> {
         let size = u16::from_le_bytes([bytes[0], bytes[1]]);
-        match bytes[2] {
+        let content = &bytes[HEADER..bytes.len().min(HEADER + usize::from(size))];
+        let byte = |i: usize| content.get(i).copied();
+        let is_text = |from: usize, to: usize| {
+            let text = content.get(from..to.min(content.len())).unwrap_or_default();
+            text.iter().all(|b| b.is_ascii_graphic() || *b == b' ')
+        };
+        // A key has its length before it, and that is not the whole.
+        let is_key = |at: usize| {
+            byte(at).is_none_or(|n| {
+                n > 2 && at + usize::from(n) < content.len() + 1 && is_text(at + 1, at + 1 + usize::from(n))
+            })
+        };
+        let is_level = || byte(0).is_none_or(|l| l < 8 || (b'0'..b'8').contains(&l));
+        let fits = match bytes[2] {
             b'D' => {
-                let id = bytes.get(HEADER..HEADER + 2).map(|b| u16::from_le_bytes([b[0], b[1]]));
-                let known = id.and_then(|id| *self.lengths.get(usize::from(id))?);
-                match known {
-                    Some((shortest, longest)) => (shortest..=longest).contains(&size).then_some(true),
-                    None => Some(false),
+                let id = content.first_chunk().map(|id| u16::from_le_bytes(*id));
+                match id.and_then(|id| *self.lengths.get(usize::from(id))?) {
+                    Some((shortest, longest)) => (shortest..=longest).contains(&size),
+                    None => return Some(false),
                 }
             }
-            b'S' => bytes.get(HEADER..HEADER + 8).is_none_or(|b| b == SYNC).then_some(true),
-            _ => Some(false),
-        }
+            b'S' => content.starts_with(&SYNC) || content.len() < SYNC.len(),
+            b'F' => is_text(0, content.len()),
+            b'A' => is_text(3, content.len()),
+            b'I' | b'P' => is_key(0),
+            b'M' | b'Q' => is_key(1),
+            // The stamp's highest byte is zero for the next 2000 years.
+            b'L' => is_level() && byte(8).is_none_or(|b| b == 0),
+            b'C' => is_level() && byte(10).is_none_or(|b| b == 0),
+            _ => return Some(false),
+        };
+        fits.then_some(true)
     }
 
     fn advance(&mut self, n: usize) {
