@@ -106,26 +106,7 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         }
     }
     let done = jobs::in_parallel(&jobs, args.jobs, args.json, |job| Ok::<_, Failure>(one(job, args)))?;
-    let mut all = Evaluation::default();
-    let (mut failed, mut read) = (None, 0);
-    for (job, done) in jobs.iter().zip(done) {
-        match done {
-            Ok(one) => {
-                read += 1;
-                all.rows.extend(one.rows);
-                all.losses.extend(one.losses);
-                all.without_rows.extend(one.without_rows);
-            }
-            // One that cannot be read costs itself, among others.
-            Err(error) => all
-                .without_rows
-                .push(WithoutRows { log: name(&job.path), why: failed.insert(error).to_string() }),
-        }
-    }
-    all.without_rows.dedup_by(|a, b| a.log == b.log);
-    if let Some(error) = failed.filter(|_| read == 0) {
-        return Err(Failure::Log(error));
-    }
+    let all = together(&jobs, done)?;
     if all.rows.is_empty() && all.losses.is_empty() {
         let why = all.without_rows.iter().map(|w| format!("{}: {}", w.log, w.why)).collect::<Vec<_>>();
         return Err(Failure::Lacking(why.join("\n")));
@@ -140,6 +121,30 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         eprintln!("holdover: {}: {}", without.log, without.why);
     }
     Ok(())
+}
+
+/// What came of all jobs. One that cannot be read costs itself, among others.
+fn together(jobs: &[Job], done: Vec<Result<Evaluation, LogError>>) -> Result<Evaluation, Failure> {
+    let mut all = Evaluation::default();
+    let (mut failed, mut read) = (None, 0);
+    for (job, done) in jobs.iter().zip(done) {
+        match done {
+            Ok(one) => {
+                read += 1;
+                all.rows.extend(one.rows);
+                all.losses.extend(one.losses);
+                all.without_rows.extend(one.without_rows);
+            }
+            Err(error) => all
+                .without_rows
+                .push(WithoutRows { log: name(&job.path), why: failed.insert(error).to_string() }),
+        }
+    }
+    all.without_rows.dedup_by(|a, b| a.log == b.log);
+    if let Some(error) = failed.filter(|_| read == 0) {
+        return Err(Failure::Log(error));
+    }
+    Ok(all)
 }
 
 fn one(job: &Job, args: &EvaluateArgs) -> Result<Evaluation, LogError> {

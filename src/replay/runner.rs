@@ -165,13 +165,8 @@ impl Runner {
         let withheld = self.mask.withholds(item);
         self.end = self.end.max(Some(time));
         let t = self.seconds(time);
-        match item {
-            Input::Sample(Sample::Gnss(fix)) if fix.position.is_none() => {}
-            Input::Sample(sample) => self.heard[sample.kind() as usize] += 1,
-            _ => {}
-        }
-        if let Input::Sample(Sample::Imu(_)) = item {
-            self.imu.note(time);
+        if let Input::Sample(sample) = item {
+            self.count(sample);
         }
         if let Input::Sample(Sample::Gnss(fix)) = item {
             // The withheld fix is compared with, and never used.
@@ -202,6 +197,15 @@ impl Runner {
         }
         self.note_events();
         &self.sent
+    }
+
+    fn count(&mut self, sample: &Sample) {
+        match sample {
+            Sample::Gnss(fix) if fix.position.is_none() => return,
+            Sample::Imu(imu) => self.imu.note(imu.time),
+            _ => {}
+        }
+        self.heard[sample.kind() as usize] += 1;
     }
 
     fn compare_with_gnss(&mut self, fix: &GnssSample, t: f64) {

@@ -190,37 +190,14 @@ impl<R: Read> UlogReader<R> {
     fn fits_exactly(&self, bytes: &[u8]) -> Option<bool> {
         let size = u16::from_le_bytes([bytes[0], bytes[1]]);
         let content = &bytes[HEADER..bytes.len().min(HEADER + usize::from(size))];
-        let byte = |i: usize| content.get(i).copied();
-        let is_text = |from: usize, to: usize| {
-            let text = content.get(from..to.min(content.len())).unwrap_or_default();
-            text.iter().all(|b| b.is_ascii_graphic() || *b == b' ')
-        };
-        // A key has its length before it, and that is not the whole.
-        let is_key = |at: usize| {
-            byte(at).is_none_or(|n| {
-                n > 2 && at + usize::from(n) < content.len() + 1 && is_text(at + 1, at + 1 + usize::from(n))
-            })
-        };
-        let is_level = || byte(0).is_none_or(|l| l < 8 || (b'0'..b'8').contains(&l));
-        let fits = match bytes[2] {
-            b'D' => {
-                let id = content.first_chunk().map(|id| u16::from_le_bytes(*id));
-                match id.and_then(|id| *self.lengths.get(usize::from(id))?) {
-                    Some((shortest, longest)) => (shortest..=longest).contains(&size),
-                    None => return Some(false),
-                }
-            }
-            b'S' => content.starts_with(&SYNC) || content.len() < SYNC.len(),
-            b'F' => is_text(0, content.len()),
-            b'A' => is_text(3, content.len()),
-            b'I' | b'P' => is_key(0),
-            b'M' | b'Q' => is_key(1),
-            // The stamp's highest byte is zero for the next 2000 years.
-            b'L' => is_level() && byte(8).is_none_or(|b| b == 0),
-            b'C' => is_level() && byte(10).is_none_or(|b| b == 0),
-            _ => return Some(false),
-        };
-        fits.then_some(true)
+        if bytes[2] != b'D' {
+            return content_fits(bytes[2], content);
+        }
+        let id = content.first_chunk().map(|id| u16::from_le_bytes(*id));
+        match id.and_then(|id| *self.lengths.get(usize::from(id))?) {
+            Some((shortest, longest)) => (shortest..=longest).contains(&size).then_some(true),
+            None => Some(false),
+        }
     }
 
     fn advance(&mut self, n: usize) {
@@ -248,6 +225,36 @@ impl<R: Read> UlogReader<R> {
         }
         Ok(())
     }
+}
+
+/// Whether the beginning of a message that is no data is what its kind has to hold; `Some(false)` where that may be anything.
+fn content_fits(kind: u8, content: &[u8]) -> Option<bool> {
+    let byte = |i: usize| content.get(i).copied();
+    let is_text = |from: usize, to: usize| {
+        let text = content.get(from..to.min(content.len())).unwrap_or_default();
+        text.iter().all(|b| b.is_ascii_graphic() || *b == b' ')
+    };
+    // A key has its length before it.
+    let is_key = |at: usize| {
+        byte(at)
+            .map(usize::from)
+            .is_none_or(|n| n > 2 && at + n < content.len() && is_text(at + 1, at + 1 + n))
+    };
+    // A level, and a stamp whose highest byte is zero for the next 2000 years.
+    let is_logged = |highest: usize| {
+        byte(0).is_none_or(|l| l < 8 || (b'0'..b'8').contains(&l)) && byte(highest).is_none_or(|b| b == 0)
+    };
+    let fits = match kind {
+        b'S' => content.starts_with(&SYNC) || content.len() < SYNC.len(),
+        b'F' => is_text(0, content.len()),
+        b'A' => is_text(3, content.len()),
+        b'I' | b'P' => is_key(0),
+        b'M' | b'Q' => is_key(1),
+        b'L' => is_logged(8),
+        b'C' => is_logged(10),
+        _ => return Some(false),
+    };
+    fits.then_some(true)
 }
 
 /// What a synchronisation message holds.
