@@ -63,18 +63,51 @@ pub struct JumpFit {
     pub size: f64,
 }
 
-/// The sums since one onset.
-#[derive(Clone, Debug)]
-pub struct JumpWindow {
-    age_s: f64,
-    /// J, a row a state.
-    effect: [[f32; JUMPS]; STATES],
+/// Sums over innovations.
+#[derive(Clone, Copy, Debug)]
+struct JumpSums {
     /// C and d.
     information: [f64; JUMPS],
     evidence: [f64; JUMPS],
     /// Σν²/S and the number of innovations.
     square: f64,
     scalars: f64,
+}
+
+impl JumpSums {
+    const NONE: Self = Self { information: [0.0; JUMPS], evidence: [0.0; JUMPS], square: 0.0, scalars: 0.0 };
+
+    fn add(&mut self, r: &[f32; JUMPS], innovation: f64, s: f64) {
+        self.square += innovation * innovation / s;
+        self.scalars += 1.0;
+        for ((r, c), d) in r.iter().zip(&mut self.information).zip(&mut self.evidence) {
+            let r = f64::from(*r);
+            *c += r * r / s;
+            *d += r * innovation / s;
+        }
+    }
+
+    fn fit(&self, jump: usize) -> Option<JumpFit> {
+        let (c, d) = (self.information.get(jump)?, self.evidence.get(jump)?);
+        (*c > 0.0).then(|| {
+            let known = c + 1.0 / (PRIOR[jump] * PRIOR[jump]);
+            let square = d * d / known;
+            // What it leaves of the innovations is noise that the filter does not know of, or another fault: a measure of what it explains.
+            let left = ((self.square - square) / self.scalars).max(1.0);
+            JumpFit { square: square / left, size: d / known }
+        })
+    }
+}
+
+/// What is known since one onset.
+#[derive(Clone, Debug)]
+pub struct JumpWindow {
+    age_s: f64,
+    /// J, a row a state.
+    effect: [[f32; JUMPS]; STATES],
+    /// Of all innovations, and of those that are not the flow's.
+    all: JumpSums,
+    without_flow: JumpSums,
     /// ∫ ‖ω‖² dt, rad²/s.
     turned_squared: f64,
 }
@@ -85,15 +118,8 @@ impl JumpWindow {
         for (jump, at) in AT.iter().enumerate() {
             effect[*at][jump] = 1.0;
         }
-        Self {
-            age_s: 0.0,
-            effect,
-            information: [0.0; JUMPS],
-            evidence: [0.0; JUMPS],
-            square: 0.0,
-            scalars: 0.0,
-            turned_squared: 0.0,
-        }
+        let (all, without_flow) = (JumpSums::NONE, JumpSums::NONE);
+        Self { age_s: 0.0, effect, all, without_flow, turned_squared: 0.0 }
     }
 
     /// How long ago it began, s.
@@ -108,14 +134,12 @@ impl JumpWindow {
 
     /// What it shows of a jump; `None` where nothing was measured that would show it.
     pub fn fit(&self, jump: usize) -> Option<JumpFit> {
-        let (c, d) = (self.information.get(jump)?, self.evidence.get(jump)?);
-        (*c > 0.0).then(|| {
-            let known = c + 1.0 / (PRIOR[jump] * PRIOR[jump]);
-            let square = d * d / known;
-            // What it leaves of the innovations is noise that the filter does not know of, or another fault: a measure of what it explains.
-            let left = ((self.square - square) / self.scalars).max(1.0);
-            JumpFit { square: square / left, size: d / known }
-        })
+        self.all.fit(jump)
+    }
+
+    /// The same without the flow's word.
+    pub fn fit_without_flow(&self, jump: usize) -> Option<JumpFit> {
+        self.without_flow.fit(jump)
     }
 
     /// How far a jump that happened would move the horizontal position, NE, m.
@@ -127,7 +151,7 @@ impl JumpWindow {
     /// J of a jump, and the variance of its size, 1/C.
     pub(super) fn effect(&self, jump: usize) -> (SVector<f64, STATES>, f64) {
         let effect = SVector::from_fn(|i, _| f64::from(self.effect[i][jump]));
-        (effect, 1.0 / self.information[jump].max(f64::MIN_POSITIVE))
+        (effect, 1.0 / self.all.information[jump].max(f64::MIN_POSITIVE))
     }
 
     fn propagate(&mut self, by: &ErrorTransition, phi: &Phi) {
@@ -141,9 +165,13 @@ impl JumpWindow {
         }
     }
 
-    fn observe(&mut self, h: &SparseRow, innovation: f64, s: f64, gain: Option<&[f32; STATES]>) {
-        self.square += innovation * innovation / s;
-        self.scalars += 1.0;
+    fn observe(
+        &mut self,
+        h: &SparseRow,
+        (innovation, s): (f64, f64),
+        gain: Option<&[f32; STATES]>,
+        of_flow: bool,
+    ) {
         let mut r = [0.0f32; JUMPS];
         for (i, h) in h.entries() {
             let (row, h) = (&self.effect[i], h as f32);
@@ -151,10 +179,9 @@ impl JumpWindow {
                 *r += h * effect;
             }
         }
-        for ((r, c), d) in r.iter().zip(&mut self.information).zip(&mut self.evidence) {
-            let r = f64::from(*r);
-            *c += r * r / s;
-            *d += r * innovation / s;
+        self.all.add(&r, innovation, s);
+        if !of_flow {
+            self.without_flow.add(&r, innovation, s);
         }
         let Some(gain) = gain else { return };
         for (row, k) in self.effect.iter_mut().zip(gain) {
@@ -174,6 +201,8 @@ pub(super) struct JumpBank {
     /// The oldest, and for how long the newest has gone on, s.
     oldest: usize,
     since_s: f64,
+    /// What is measured is a flow.
+    pub(super) of_flow: bool,
     /// What J has not followed yet.
     pending: Option<ErrorTransition>,
 }
@@ -185,6 +214,7 @@ impl JumpBank {
             windows: std::array::from_fn(|_| JumpWindow::new()),
             oldest: 0,
             since_s: 0.0,
+            of_flow: false,
             pending: None,
         }
     }
@@ -245,7 +275,7 @@ impl JumpBank {
         let innovation = innovation.clamp(-OUTLIER_SIGMAS * s.sqrt(), OUTLIER_SIGMAS * s.sqrt());
         let gain = ph.map(|ph| std::array::from_fn(|i| (ph[i] / s) as f32));
         for window in &mut self.windows {
-            window.observe(h, innovation, s, gain.as_ref());
+            window.observe(h, (innovation, s), gain.as_ref(), self.of_flow);
         }
     }
 }

@@ -126,13 +126,26 @@ impl Eskf {
         let v_body = r_body_to_ned.tr_mul(velocity_ned);
         let innovation = v_xy - flow_model(&self.state.flow, &v_body, *distance_m);
         let rows = flow_rows(&self.state, &v_body, *distance_m, r_body_to_ned, lag);
+        self.jumps.of_flow = true;
+        let fused = self.fuse_pair(&rows, &innovation, [covariance[(0, 0)], covariance[(1, 1)]]);
+        self.jumps.of_flow = false;
+        fused
+    }
+
+    /// Both or neither.
+    fn fuse_pair(
+        &mut self,
+        rows: &[SparseRow; 2],
+        innovation: &Vector2<f64>,
+        variance: [f64; 2],
+    ) -> Result<[Correction; 2], Gated> {
         for i in 0..2 {
-            self.gate(&rows[i], innovation[i], covariance[(i, i)])?;
+            self.gate(&rows[i], innovation[i], variance[i])?;
         }
-        let first = self.fuse(&rows[0], innovation.x, covariance[(0, 0)])?;
+        let first = self.fuse(&rows[0], innovation.x, variance[0])?;
         // What the first has changed of the second's expectation.
         let moved = rows[1].dot(&first.all);
-        let second = self.fuse(&rows[1], innovation.y - moved, covariance[(1, 1)])?;
+        let second = self.fuse(&rows[1], innovation.y - moved, variance[1])?;
         Ok([first, second])
     }
 
@@ -187,14 +200,7 @@ impl Eskf {
     ) -> Result<[Correction; 2], Gated> {
         let innovation = self.drag_innovation(force_xy, air_body);
         let rows = [0, 1].map(|axis| self.state.drag_row(air_body, axis));
-        let variance = sigma * sigma;
-        for i in 0..2 {
-            self.gate(&rows[i], innovation[i], variance)?;
-        }
-        let first = self.fuse(&rows[0], innovation.x, variance)?;
-        let moved = rows[1].dot(&first.all);
-        let second = self.fuse(&rows[1], innovation.y - moved, variance)?;
-        Ok([first, second])
+        self.fuse_pair(&rows, &innovation, [sigma * sigma; 2])
     }
 
     /// The vehicle stands: the velocity is zero, and the gyros show their bias and the Earth's rate.

@@ -57,8 +57,6 @@ pub(in super::super) struct InertiaJumps {
     learned: u32,
     learn_due: Option<AutopilotTime>,
     looked: Option<AutopilotTime>,
-    /// Of the likeliest jump, as it was seen last.
-    odds: f64,
     /// Since when a jump has been beyond doubt.
     beyond: Option<AutopilotTime>,
     /// Jumps in a row, and when the last was found.
@@ -78,7 +76,6 @@ impl Default for InertiaJumps {
             learned: 0,
             learn_due: None,
             looked: None,
-            odds: 0.0,
             beyond: None,
             found: 0,
             last: None,
@@ -104,7 +101,6 @@ impl InertiaJumps {
         windows: &[JumpWindow],
         (aided, flies): (bool, bool),
     ) -> JumpFinding {
-        self.odds = 0.0;
         if !flies || self.learned < LEARNED {
             return JumpFinding::Quiet;
         }
@@ -114,8 +110,8 @@ impl InertiaJumps {
         let usual = &usual[GROUPS[jump]];
         let unit = usual.variance().max(1.0);
         // By Bayes: as likely as the ratio says, times how rarely it happens.
-        self.odds = 1.0 / (1.0 + (UNLIKELY - 0.5 * best.square / unit).exp());
-        self.quiet = if self.odds > 0.5 { None } else { self.quiet.or(Some(now)) };
+        let odds = 1.0 / (1.0 + (UNLIKELY - 0.5 * best.square / unit).exp());
+        self.quiet = if odds > 0.5 { None } else { self.quiet.or(Some(now)) };
         let clear = best.square - best.rival > CLEAR_OF * unit;
         let beyond = best.square > usual.limit(DECADES) && clear;
         self.beyond = if beyond { self.beyond.or(Some(now)) } else { None };
@@ -124,7 +120,7 @@ impl InertiaJumps {
         if self.beyond.is_some_and(|t| now.seconds_since(t) >= lasts_s) {
             return self.find(now, window, jump);
         }
-        JumpFinding::Suspected { window, jump, odds: self.odds }
+        JumpFinding::Suspected { window, jump, odds }
     }
 
     /// Of all windows and jumps the one that is furthest beyond what is usual, and the most that each group shows.
@@ -153,9 +149,17 @@ impl InertiaJumps {
         (best.map(|(_, likeliest)| likeliest), most)
     }
 
-    /// Whether an axis has more likely jumped than not, by what was seen last.
-    pub(in super::super) fn suspects(&self) -> bool {
-        self.odds > 0.5
+    /// Whether an axis has more likely jumped than not, by what was seen last, whatever the flow says of it.
+    pub(in super::super) fn suspects_without_flow(&self, windows: &[JumpWindow]) -> bool {
+        let likely = |window: &JumpWindow| {
+            let rate = (window.mean_square_rate() / self.rate.max(CALM * CALM)).max(1.0);
+            GROUPS.iter().enumerate().any(|(jump, group)| {
+                let unit = rate * self.usual_alone[*group].variance().max(1.0);
+                window.fit_without_flow(jump).is_some_and(|fit| 0.5 * fit.square > UNLIKELY * unit)
+            })
+        };
+        let old = |w: &&JumpWindow| w.age_s() > YOUNGEST_S;
+        self.learned >= LEARNED && windows.iter().filter(old).any(likely)
     }
 
     fn find(&mut self, now: AutopilotTime, window: usize, jump: usize) -> JumpFinding {

@@ -244,8 +244,11 @@ impl FlowSource {
         let (_, v_ned) = core.estimator.estimate()?;
         let compared = sensor.against_inertia(m, context)?;
         match sensor.witness.note(&compared, sensor.astray.is_some()) {
-            // Where drag agrees with it, or all measurements together, it is inertia that has gone.
-            Some(found) if core.witnesses.jumps.suspects() || found.is_denied_by(drag, v_ned.z, context) => {
+            // Where drag agrees with it, or all other measurements together, it is inertia that has gone.
+            Some(found)
+                if core.witnesses.jumps.suspects_without_flow(core.estimator.jump_windows())
+                    || found.is_denied_by(drag, v_ned.z, context) =>
+            {
                 sensor.witness.forget();
                 None
             }
