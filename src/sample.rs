@@ -256,6 +256,8 @@ pub enum FlowRotation {
     Contained,
     /// Already taken out.
     Removed,
+    /// Contained, and `rate_xy` is not rad/s but in a unit of the sensor's own, such as pixels a second.
+    InOwnUnit,
 }
 
 /// Where a range beam points.

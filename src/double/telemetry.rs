@@ -179,7 +179,7 @@ impl Telemetry<'_> {
     fn optical_flow(&self, flow: &FlowSample) -> Option<Message> {
         let gyro = match flow.rotation {
             FlowRotation::SensorGyro(gyro) => gyro,
-            FlowRotation::Removed | FlowRotation::Contained => [0.0; 2],
+            FlowRotation::Removed | FlowRotation::Contained | FlowRotation::InOwnUnit => [0.0; 2],
         };
         let [x, y] = flow.rate_xy;
         let counts = |rate: f64| (rate * 100.0).clamp(-32_767.0, 32_767.0) as i16;

@@ -55,6 +55,8 @@ pub enum EventKind {
     FlowTrusted(u8),
     /// A flow sensor is not trusted any more.
     FlowDistrusted(u8, Distrust),
+    /// What one unit of a flow sensor is worth was found, rad.
+    FlowUnit(u8, f64),
     /// A source is wrong.
     Accused(SourceId, Charge),
     /// Nothing is held against a source any more.
@@ -207,6 +209,7 @@ impl EventKind {
             EventKind::Receiver(_) => "gnss-receiver",
             EventKind::FlowTrusted(_) => "flow-trusted",
             EventKind::FlowDistrusted(..) => "flow-distrusted",
+            EventKind::FlowUnit(..) => "flow-unit",
             EventKind::Accused(..) => "source-accused",
             EventKind::Acquitted(_) => "source-acquitted",
             EventKind::HeightFault { .. } => "height-fault",
@@ -278,6 +281,7 @@ impl EventKind {
         match self {
             EventKind::FlowTrusted(n) => write!(f, "flow {n} trusted"),
             EventKind::FlowDistrusted(n, why) => write!(f, "flow {n} not trusted: {}", why.reason()),
+            EventKind::FlowUnit(n, rad) => write!(f, "flow {n} is told in units of {:.3} mrad", rad * 1e3),
             EventKind::Accused(source, charge) => write!(f, "{source} {}", charge.label()),
             EventKind::Acquitted(source) => write!(f, "{source} believed again"),
             EventKind::HeightFault { channel, fault: fault @ Fault::Drift { .. }, .. } => {

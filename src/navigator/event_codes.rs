@@ -54,6 +54,11 @@ pub const EVENTS: &[EventCode] = &[
         "Check its mounting, orientation, focus and height over ground.",
     ),
     event(
+        "flow-unit",
+        "A flow sensor tells pixels only; what one is worth was found against GNSS, gyros and height.",
+        "Nothing.",
+    ),
+    event(
         "source-accused",
         "A source was found to be wrong, with what is held against it; it is not used, or with caution.",
         "Look at the sensor after the flight. In an outage: what is left carries, and sigma says how well.",
@@ -155,6 +160,7 @@ mod tests {
             EventKind::Receiver(1),
             EventKind::FlowTrusted(1),
             EventKind::FlowDistrusted(1, Distrust::Scale),
+            EventKind::FlowUnit(1, 0.0015),
             EventKind::Accused(SourceId::only(SourceKind::Flow), Charge::Stuck),
             EventKind::Acquitted(SourceId::only(SourceKind::Flow)),
             EventKind::HeightFault { channel: Channel::Baro, fault, for_s: 1.0 },

@@ -16,7 +16,7 @@ use super::inertia;
 use super::monitor::gnss_integrity::{GnssFault, Standing};
 use super::observation::{Fused, Observation};
 use super::reset::Reset;
-use super::sources::flow::{FlowInput, MeasuredFlow, PatchArrival};
+use super::sources::flow::{self, FlowInput, MeasuredFlow, PatchArrival};
 use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
@@ -301,7 +301,16 @@ impl Navigator {
         if settings.patches.find(s.sensor).is_some() {
             return self.patch(s);
         }
-        match self.sources.flow.sensor_of(s, settings) {
+        let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
+        let (s, found) = match flow::in_radians(&mut self.sources.flow, s, &context) {
+            Ok(told) => told,
+            Err(reason) => return Verdict::Rejected(reason),
+        };
+        if let Some(unit) = found {
+            self.core.events.tell(s.time, EventKind::FlowUnit(s.sensor, unit));
+        }
+        let s = &s;
+        match self.sources.flow.sensor_of(s, &self.core.settings.flow) {
             Ok(index) if flow_judge::repeats(&mut self.core, &mut self.sources, s, index) => {
                 Verdict::Rejected(Reason::Stuck)
             }

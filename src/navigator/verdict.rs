@@ -75,6 +75,9 @@ pub enum Reason {
     /// No landmark of this id is configured.
     #[strum(serialize = "unknown landmark")]
     UnknownLandmark,
+    /// It is told in pixels, and what one is worth is not found yet.
+    #[strum(serialize = "scale not known yet")]
+    UnknownUnit,
     /// No camera of this component is configured.
     #[strum(serialize = "unknown camera")]
     UnknownCamera,

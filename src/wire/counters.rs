@@ -33,6 +33,9 @@ pub enum Cause {
     /// A field has an impossible value (a pressure of zero, a position beyond the globe).
     #[strum(serialize = "absurd value")]
     Absurd,
+    /// A velocity of the flow over ground that comes without the distance that it stands on.
+    #[strum(serialize = "flow without distance")]
+    NoDistance,
     /// The sample is older than one already used and too old to be put in order.
     #[strum(serialize = "out of order")]
     OutOfOrder,

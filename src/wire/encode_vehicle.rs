@@ -53,6 +53,7 @@ pub fn samples<'a>(samples: impl IntoIterator<Item = &'a Sample>, out: &mut Vec<
             }
             Sample::Gnss(s) => gps_raw_int(s),
             Sample::Pressure(s) => scaled_pressure(s),
+            Sample::Flow(s) if s.rotation == FlowRotation::InOwnUnit => optical_flow_pixels(s),
             Sample::Flow(s) => optical_flow_rad(s),
             Sample::Range(s) => distance_sensor(s),
             Sample::Airspeed(s) => vfr_hud(s.airspeed_mps),
@@ -304,7 +305,7 @@ fn optical_flow_rad(s: &FlowSample) -> Option<MavMessage> {
         FlowRotation::SensorGyro(g) => g.map(|r| (r * dt) as f32),
         FlowRotation::Removed => [0.0; 2],
         // The message's way to say that the sensor has no gyro.
-        FlowRotation::Contained => [f32::NAN; 2],
+        FlowRotation::Contained | FlowRotation::InOwnUnit => [f32::NAN; 2],
     };
     Some(MavMessage::OPTICAL_FLOW_RAD(apm::OPTICAL_FLOW_RAD_DATA {
         time_usec: boot_usec(s.time)?,
@@ -320,6 +321,26 @@ fn optical_flow_rad(s: &FlowSample) -> Option<MavMessage> {
         temperature: 1500,
         sensor_id: s.sensor,
         quality: (s.quality * 255.0).round().clamp(0.0, 255.0) as u8,
+    }))
+}
+
+/// Pixels only: tenths of them, along the image's axes.
+fn optical_flow_pixels(s: &FlowSample) -> Option<MavMessage> {
+    let tenths = |rate: f64| {
+        let n = rate * s.interval.seconds() * 10.0;
+        n.is_finite().then(|| n.round().clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16)
+    };
+    Some(MavMessage::OPTICAL_FLOW(apm::OPTICAL_FLOW_DATA {
+        time_usec: boot_usec(s.time)?,
+        sensor_id: s.sensor,
+        flow_x: tenths(-s.rate_xy[1])?,
+        flow_y: tenths(s.rate_xy[0])?,
+        flow_comp_m_x: 0.0,
+        flow_comp_m_y: 0.0,
+        quality: (s.quality * 255.0).round().clamp(0.0, 255.0) as u8,
+        ground_distance: -1.0,
+        flow_rate_x: 0.0,
+        flow_rate_y: 0.0,
     }))
 }
 

@@ -28,6 +28,7 @@ mod judged;
 mod lacking;
 mod modes;
 mod patches;
+mod pixels;
 mod random_samples;
 mod resumed;
 mod shadow;

@@ -17,7 +17,7 @@ pub(super) use estimation::{
     error_state, estimator, estimator_step, exogenous, heading, hole, lookback, observer,
 };
 pub(super) use sensing::{
-    airspeed, barometer, compass_step, drag, every_source, flow, flow_image, flow_measure, flow_witness,
-    following, gnss, landmark_pose, landmark_relation, landmarks, latency, magnetometer, rangefinder,
-    rangefinders, standstill, status, takeoff,
+    airspeed, barometer, compass_step, drag, every_source, flow, flow_image, flow_measure, flow_unit,
+    flow_witness, following, gnss, landmark_pose, landmark_relation, landmarks, latency, magnetometer,
+    rangefinder, rangefinders, standstill, status, takeoff,
 };

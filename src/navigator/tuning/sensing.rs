@@ -93,6 +93,8 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const RELOCK_S: f64 = 1.0;
     /// No camera sees the ground move faster, rad/s.
     pub(in crate::navigator) const FASTEST_RADPS: f64 = 100.0;
+    /// Nor does one of ten thousand pixels of a radian.
+    pub(in crate::navigator) const FASTEST_UNITS: f64 = 1e6;
     /// A sensor's own gyro is compared with the vehicle's over this long, s: its bias follows the temperature.
     pub(in crate::navigator) const GYRO_OFFSET_S: f64 = 60.0;
     /// How well the vehicle's own gyro bias is known, rad/s, 1 sigma.
@@ -118,6 +120,20 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const LONGEST_INTERVAL_S: f64 = 1.0;
     /// What the observers' signal is wrong by beyond the flow's noise, m/s, squared.
     pub(in crate::navigator) const SIGNAL_VARIANCE: f64 = 1.0;
+}
+
+/// A flow in a unit of the sensor's own.
+pub(in crate::navigator) mod flow_unit {
+    /// How late it may be, s.
+    pub(in crate::navigator) const AGES_S: [f64; 5] = [0.0, 0.07, 0.14, 0.21, 0.28];
+    /// The unit is known where it explains this part of the flow and its relative error, 1 sigma, is below this: the calibration takes the rest.
+    pub(in crate::navigator) const EXPLAINS: f64 = 0.5;
+    pub(in crate::navigator) const KNOWN: f64 = 0.05;
+    /// What it does not explain (gusts of the filter, height of the ground) lasts this long, s; it is listened to for this long at least, s, and
+    /// remembered for this long, s.
+    pub(in crate::navigator) const LASTING_S: f64 = 0.5;
+    pub(in crate::navigator) const MEMORY_S: f64 = 10.0;
+    pub(in crate::navigator) const LONGEST_S: f64 = 120.0;
 }
 
 /// Patches of one image.

@@ -91,7 +91,7 @@ fn a_patch_gives_the_erroneous_velocity_back() {
             rates.push(r.imu.ideal.angular_rate);
             let Some(f) = r.flow else { continue };
             let [x, y] = match f.rotation {
-                FlowRotation::Removed => [0.0; 2],
+                FlowRotation::Removed | FlowRotation::InOwnUnit => [0.0; 2],
                 FlowRotation::SensorGyro(gyro) => gyro,
                 FlowRotation::Contained => {
                     let last = &rates[rates.len() - 10..];

@@ -8,7 +8,7 @@ use crate::sample::{
     AirspeedSample, FlowRotation, FlowSample, Input, LandmarkSample, RangeDirection, RangeSample, Sample,
     Sighting,
 };
-use crate::time::Span;
+use crate::time::{AutopilotTime, Span};
 
 use super::super::frame::ComponentId;
 use super::super::messages::Meaning;
@@ -26,6 +26,9 @@ const BODY_FRAMES: [u8; 2] = [12, 8];
 pub(super) struct FlowReadings {
     sensor: u8,
     repeats: Option<Repeats<([u32; 6], u8)>>,
+    /// It fills the pixels only; and the last that were new, with their time and what they were counted over, s.
+    pixels: bool,
+    counted: Option<(AutopilotTime, [i16; 2], Option<f64>)>,
 }
 
 impl Decoder {
@@ -42,15 +45,24 @@ impl Decoder {
             within(m.flow_rate_y, -limits::FLOW_RADPS, limits::FLOW_RADPS)?,
         ];
         let compensated = [within(m.flow_comp_m_x, -1e4, 1e4)?, within(m.flow_comp_m_y, -1e4, 1e4)?];
-        // ground_distance is not taken: ArduPilot fills it from its own estimator.
+        let readings = self.flow_readings(m.sensor_id);
+        let blank = rates == [0.0, 0.0] && compensated == [0.0, 0.0];
+        readings.pixels = blank && (readings.pixels || (m.flow_x, m.flow_y) != (0, 0));
+        if readings.pixels {
+            return self.flow_in_pixels(m, time, from, out);
+        }
+        let ground_m = f64::from(m.ground_distance);
+        // ArduPilot fills ground_distance from its own estimator: it is not taken.
         let (rate_xy, rotation) = if self.conventions.flow_comp_is_rate {
             // The autopilot subtracted its gyro at the sensor's own instant, which a thinned IMU stream cannot do as well.
             (compensated, FlowRotation::Removed)
         } else if rates != [0.0, 0.0] {
             (rates, FlowRotation::Contained)
+        } else if ground_m.is_finite() && ground_m > 0.0 {
+            // A velocity only, by the sensor's own distance: v_x = d ω_y, v_y = −d ω_x.
+            ([-compensated[1] / ground_m, compensated[0] / ground_m], FlowRotation::Removed)
         } else {
-            // Sensors that fill the m/s fields only: v = d·rate would need their d. Without rates there is no angle to use.
-            return Ok(());
+            return Err(Cause::NoDistance);
         };
         if rate_xy.iter().any(|r| r.abs() > limits::FLOW_RADPS) {
             return Err(Cause::Absurd);
@@ -77,6 +89,48 @@ impl Decoder {
         Ok(())
     }
 
+    /// A flow in pixels only: their sum over the time since the reading before, in tenths; what one is worth is for the navigator to find. Flow
+    /// along the image's x is seen where the camera turns about its y, and the other way round.
+    fn flow_in_pixels(
+        &mut self,
+        m: &apm::OPTICAL_FLOW_DATA,
+        time: AutopilotTime,
+        from: ComponentId,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        /// OPTICAL_FLOW's dpix.
+        const PIXELS: f64 = 0.1;
+        let reading = [m.flow_comp_m_x, m.flow_comp_m_y, f32::from(m.flow_x), f32::from(m.flow_y), 0.0, 0.0];
+        let counts = [m.flow_x, m.flow_y];
+        let before = &mut self.flow_readings(m.sensor_id).counted;
+        if before.is_none_or(|(_, told, _)| told != counts) {
+            let seconds = before.map(|(last, ..)| time.seconds_since(last));
+            *before = Some((time, counts, seconds.filter(|s| (1e-3..=1.0).contains(s))));
+        }
+        // Of the first nobody knows what it was counted over.
+        let Some((.., Some(seconds))) = *before else { return Ok(()) };
+        let sample = FlowSample {
+            time,
+            sensor: m.sensor_id,
+            interval: Span::from_seconds(seconds),
+            rate_xy: [f64::from(m.flow_y), -f64::from(m.flow_x)].map(|pixels| pixels * PIXELS / seconds),
+            rotation: FlowRotation::InOwnUnit,
+            quality: f64::from(m.quality) / 255.0,
+            distance_m: None,
+        };
+        self.flow_reading(sample, from, reading, m.quality, out);
+        Ok(())
+    }
+
+    /// What is known of a flow sensor.
+    fn flow_readings(&mut self, sensor: u8) -> &mut FlowReadings {
+        let place = self.flows.iter().position(|f| f.sensor == sensor).unwrap_or_else(|| {
+            self.flows.push(FlowReadings { sensor, repeats: None, pixels: false, counted: None });
+            self.flows.len() - 1
+        });
+        &mut self.flows[place]
+    }
+
     /// Passes a flow on if it is a new reading of its sensor.
     fn flow_reading(
         &mut self,
@@ -91,12 +145,7 @@ impl Decoder {
         }
         // Bits: the gyro's NaN has to be equal to itself.
         let reading = (told.map(f32::to_bits), quality);
-        let known = self.flows.iter().position(|f| f.sensor == sample.sensor);
-        let place = known.unwrap_or_else(|| {
-            self.flows.push(FlowReadings { sensor: sample.sensor, repeats: None });
-            self.flows.len() - 1
-        });
-        match Repeats::judge(&mut self.flows[place].repeats, sample.time, reading) {
+        match Repeats::judge(&mut self.flow_readings(sample.sensor).repeats, sample.time, reading) {
             Novelty::Repeated => return self.repairs.count(Repair::FlowRepeated),
             Novelty::New(Some(interval)) if sample.interval == Span::ZERO => sample.interval = interval,
             Novelty::New(_) | Novelty::Held => {}

@@ -4,7 +4,7 @@ use mavlink::dialects::ardupilotmega::{self as apm, MavMessage};
 use nalgebra::Vector3;
 
 use super::*;
-use crate::sample::Sample;
+use crate::sample::{FlowRotation, FlowSample, Sample};
 use crate::wire::session::heartbeat_fields::testing::frame_of;
 
 /// A vehicle whose decoder is told of messages, with the time of the autopilot, ms.
@@ -256,4 +256,65 @@ fn sensors_of_other_components_are_heard_while_the_autopilot_does_not_tell_of_th
     assert_eq!(vehicle.hear(camera, &flow(vehicle.ms, 0.5)).len(), 1);
     // The IMU of a camera is not the vehicle's.
     assert!(vehicle.hear(camera, &imu(vehicle.ms, Vector3::zeros())).is_empty());
+}
+
+/// An OPTICAL_FLOW with these fields: pixels, velocities, rates, distance.
+fn flow_of(ms: u32, pixels: [i16; 2], comp: [f32; 2], rate: [f32; 2], distance: f32) -> MavMessage {
+    let MavMessage::OPTICAL_FLOW(zero) = flow(ms, 0.0) else { unreachable!() };
+    MavMessage::OPTICAL_FLOW(apm::OPTICAL_FLOW_DATA {
+        flow_x: pixels[0],
+        flow_y: pixels[1],
+        flow_comp_m_x: comp[0],
+        flow_comp_m_y: comp[1],
+        flow_rate_x: rate[0],
+        flow_rate_y: rate[1],
+        ground_distance: distance,
+        ..zero
+    })
+}
+
+fn flows(samples: Vec<Sample>) -> Vec<FlowSample> {
+    let of = |s| if let Sample::Flow(f) = s { Some(f) } else { None };
+    samples.into_iter().filter_map(of).collect()
+}
+
+#[test]
+fn a_flow_in_pixels_only_is_their_sum_over_the_time_since_the_last_and_keeps_its_unit() {
+    for autopilot in [AutopilotKind::Px4, AutopilotKind::ArduPilot] {
+        let mut vehicle = TestVehicle::new(autopilot);
+        let mut heard = Vec::new();
+        for k in 0..10 {
+            vehicle.wait(50);
+            // Every reading is sent twice; a reading of nothing is one as well.
+            let pixels = if k == 5 { [0, 0] } else { [100 + k, -20] };
+            for _ in 0..2 {
+                vehicle.wait(50);
+                let message = flow_of(vehicle.ms, pixels, [0.0; 2], [0.0; 2], -1.0);
+                heard.extend(flows(vehicle.hear(1, &message)));
+            }
+        }
+        assert_eq!(heard.len(), 9, "{autopilot:?}");
+        assert!(heard.iter().all(|f| f.rotation == FlowRotation::InOwnUnit), "{autopilot:?}");
+        // 10.1 and 2 pixels in 0.15 s: along x they are seen where the camera turns about y.
+        let f = &heard[0];
+        assert!(
+            (f.rate_xy[0] + 2.0 / 0.15).abs() < 1e-9 && (f.rate_xy[1] + 10.1 / 0.15).abs() < 1e-9,
+            "{f:?}"
+        );
+        assert_eq!(heard[4].rate_xy, [0.0, 0.0], "{autopilot:?}");
+    }
+}
+
+#[test]
+fn a_flow_as_velocity_only_stands_on_the_distance_that_comes_with_it() {
+    let mut vehicle = TestVehicle::new(AutopilotKind::Px4);
+    vehicle.wait(50);
+    let message = flow_of(vehicle.ms, [0, 0], [2.0, -1.0], [0.0; 2], 4.0);
+    let [f] = flows(vehicle.hear(1, &message))[..] else { panic!() };
+    assert_eq!((f.rate_xy, f.rotation), ([0.25, 0.5], FlowRotation::Removed));
+    vehicle.wait(50);
+    let message = flow_of(vehicle.ms, [0, 0], [2.0, -1.0], [0.0; 2], -1.0);
+    assert!(flows(vehicle.hear(1, &message)).is_empty());
+    let counted = vehicle.decoder.counters().of(Cause::NoDistance);
+    assert_eq!(counted, 1);
 }

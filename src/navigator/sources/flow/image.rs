@@ -184,7 +184,7 @@ impl ImageAssembly {
                     FlowRotation::SensorGyro([x, y]) => {
                         Vector3::new(x - gyro_offset.x, y - gyro_offset.y, rate_camera.z)
                     }
-                    FlowRotation::Contained => *rate_camera,
+                    FlowRotation::Contained | FlowRotation::InOwnUnit => *rate_camera,
                     FlowRotation::Removed => Vector3::zeros(),
                 };
                 let rotation = rotational_flow(1.0, &image, &turned);

@@ -29,7 +29,7 @@ pub(super) struct FlowCorrection {
 pub(super) fn gyro_offset(s: &FlowSample, rate_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
     match s.rotation {
         FlowRotation::SensorGyro([x, y]) => Some(Vector2::new(x, y) - rate_camera.xy()),
-        FlowRotation::Contained | FlowRotation::Removed => None,
+        FlowRotation::Contained | FlowRotation::Removed | FlowRotation::InOwnUnit => None,
     }
 }
 
@@ -104,7 +104,7 @@ pub(super) fn moment(
 pub(super) fn rotation_in(s: &FlowSample, delay_s: f64, context: &Context<'_>) -> Option<Vector2<f64>> {
     match s.rotation {
         FlowRotation::SensorGyro([x, y]) => Some(Vector2::new(x, y)),
-        FlowRotation::Contained => {
+        FlowRotation::Contained | FlowRotation::InOwnUnit => {
             let rate_body = moment(s.time, s.interval, delay_s, context).ok()?.rate_body;
             Some(context.core.settings.flow.mount.camera_to_body.to_camera(Body::new(rate_body)).raw().xy())
         }
@@ -173,7 +173,7 @@ pub(super) fn of_patch(
     let rate_camera = mount.camera_to_body.to_camera(Body::new(rate_body)).raw();
     let rotation = match s.rotation {
         FlowRotation::SensorGyro([x, y]) => Vector2::new(x, y) - correction.gyro_offset,
-        FlowRotation::Contained => rate_camera.xy(),
+        FlowRotation::Contained | FlowRotation::InOwnUnit => rate_camera.xy(),
         FlowRotation::Removed => Vector2::zeros(),
     };
     let patch = FlowPatch {

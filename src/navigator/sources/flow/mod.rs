@@ -3,6 +3,7 @@
 mod charged;
 mod image;
 mod measure;
+mod unit;
 mod witness;
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
@@ -10,7 +11,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 use crate::camera::{CalibrationMemory, Distrust, FlowCalibration};
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
-use crate::sample::FlowSample;
+use crate::sample::{FlowRotation, FlowSample};
 use crate::time::AutopilotTime;
 
 use super::super::context::Context;
@@ -27,8 +28,8 @@ use super::super::verdict::Reason;
 use super::latency::FlowLatency;
 use super::status::{SourceHealth, SourceId, SourceKind};
 use crate::navigator::tuning::flow::{
-    FASTEST_RADPS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA, LATENCY_STEP_S,
-    LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE,
+    FASTEST_RADPS, FASTEST_UNITS, FIRST_INTERVAL_S, GATE_SIGMA, GYRO_OFFSET_S, GYRO_OFFSET_SIGMA,
+    LATENCY_STEP_S, LONGEST_INTERVAL_S, MAX_SENSORS, RELOCK_S, SIGNAL_VARIANCE,
 };
 use crate::navigator::tuning::flow_travel::NO_WALK_MPS;
 pub(in super::super) use charged::FlowFinding;
@@ -37,6 +38,8 @@ use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
 use measure::FlowCorrection;
 pub(in super::super) use measure::MeasuredFlow;
+use unit::FlowUnit;
+pub(in super::super) use unit::in_radians;
 use witness::InertialWitness;
 
 /// One flow sensor.
@@ -145,6 +148,8 @@ impl FlowSensor {
 pub(in super::super) struct FlowSource {
     sensors: Vec<FlowSensor>,
     pub(in super::super) image: ImageAssembly,
+    /// Of the sensors that tell in a unit of their own, by their id.
+    units: Vec<(u8, FlowUnit)>,
     /// Corrected flow velocity in body axes, for the velocity triad, and its time.
     velocity_body: Option<(AutopilotTime, Vector3<f64>)>,
 }
@@ -185,7 +190,7 @@ pub(in super::super) struct Carry {
 
 impl FlowSource {
     pub(super) fn new() -> Self {
-        Self { sensors: Vec::new(), image: ImageAssembly::new(), velocity_body: None }
+        Self { sensors: Vec::new(), image: ImageAssembly::new(), units: Vec::new(), velocity_body: None }
     }
 
     /// The newest corrected flow velocity, body, m/s.
@@ -204,7 +209,8 @@ impl FlowSource {
             return Err(Reason::SwitchedOff);
         }
         // Squares of what is far beyond any sensor would overflow.
-        if s.rate_xy.iter().any(|rate| rate.is_finite() && rate.abs() > FASTEST_RADPS) {
+        let most = if s.rotation == FlowRotation::InOwnUnit { FASTEST_UNITS } else { FASTEST_RADPS };
+        if s.rate_xy.iter().any(|rate| rate.is_finite() && rate.abs() > most) {
             return Err(Reason::OutOfRange);
         }
         Ok(())
