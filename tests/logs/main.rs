@@ -17,6 +17,7 @@ mod ulog_file;
 
 mod damage;
 mod formats;
+mod golden;
 mod topics;
 
 use std::path::Path;

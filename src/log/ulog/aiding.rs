@@ -156,6 +156,10 @@ fn distance_sensor(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
         return Ok(());
     }
     let distance_m = m.row.get("current_distance").ok_or(Cause::BadPayload)?;
+    // On the ground, or with nothing in range, drivers tell nothing that can be.
+    if distance_m <= 0.0 {
+        return Ok(());
+    }
     let limits_m = m.row.all(["min_distance", "max_distance"]).filter(|[low, high]| high > low);
     let direction = match m.row.byte("orientation") {
         Some(FACING_DOWN) => RangeDirection::Down,

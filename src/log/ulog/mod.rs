@@ -30,7 +30,7 @@ use reader::UlogReader;
 const STALE: Span = Span::from_millis(500);
 /// Stamps beyond this (2001-09-09) are counted from 1970, as a simulator without a boot does.
 const SINCE_1970_US: u64 = 1_000_000_000_000_000;
-/// Subscriptions beyond this are none of a log's.
+/// Subscriptions beyond this are none of a log's, nor of several that were appended to each other.
 const MOST_SUBSCRIPTIONS: usize = 4096;
 
 /// What a topic becomes, from the fields that it needs; those of every version that has other ones.
@@ -171,6 +171,7 @@ struct UlogPlay {
     px4: Px4,
     formats: Formats,
     subscriptions: BTreeMap<u16, Subscription>,
+    subscribed: usize,
     began_us: u64,
     system: u8,
     frames: u64,
@@ -185,6 +186,7 @@ pub(super) fn play(bytes: impl Read, vehicle: &Vehicle, to: &mut Listener<'_>) -
         px4: Px4::default(),
         formats: Formats::default(),
         subscriptions: BTreeMap::new(),
+        subscribed: 0,
         began_us,
         system: vehicle.system.0,
         frames: 0,
@@ -260,13 +262,14 @@ impl UlogPlay {
         let (&[instance, low, high], name) = payload.split_first_chunk::<3>()?;
         let id = u16::from_le_bytes([low, high]);
         let name = std::str::from_utf8(name).ok()?;
+        self.subscribed += 1;
+        if self.subscribed > MOST_SUBSCRIPTIONS {
+            return None;
+        }
         let Some((shortest, longest)) = self.formats.lengths(name) else {
             self.px4.intake.counters.count(Cause::BadPayload);
             return None;
         };
-        if self.subscriptions.len() >= MOST_SUBSCRIPTIONS {
-            return None;
-        }
         let topic = topic(name)
             .map(|topic| (topic, Columns::of(topic.fields, |field| self.formats.slot(name, field))));
         self.subscriptions.insert(id, Subscription { name: name.to_owned(), instance, topic });

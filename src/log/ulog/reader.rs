@@ -231,7 +231,7 @@ impl<R: Read> UlogReader<R> {
 fn content_fits(kind: u8, content: &[u8]) -> Option<bool> {
     let byte = |i: usize| content.get(i).copied();
     let is_text = |from: usize, to: usize| {
-        let text = content.get(from..to.min(content.len())).unwrap_or_default();
+        let text = content.get(from..to.min(content.len()).min(from + TEXT)).unwrap_or_default();
         text.iter().all(|b| b.is_ascii_graphic() || *b == b' ')
     };
     // A key has its length before it.
@@ -257,6 +257,8 @@ fn content_fits(kind: u8, content: &[u8]) -> Option<bool> {
     fits.then_some(true)
 }
 
+/// So much of a text is looked at.
+const TEXT: usize = 64;
 /// What a synchronisation message holds.
 const SYNC: [u8; 8] = [0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12];
 
