@@ -9,7 +9,7 @@ use holdover::sample::{FlowRotation, Input, Sample, SampleKind, VehicleStatus};
 use holdover::wire::clock::AutopilotClock;
 use nalgebra::Vector3;
 
-use crate::command::{holdover, write_log};
+use crate::command::{bytes_of, holdover, records, write_log};
 use crate::dataflash_file::DataFlashFile;
 use crate::flight::{Flight, Step};
 use crate::inputs;
@@ -187,4 +187,16 @@ fn folders_and_packed_logs_are_read_by_every_command() {
     assert_eq!(holdover(&replayed).code, Some(0));
     let written = |name: &str| Path::new(&out).join(name).join("solution.csv").is_file();
     assert!(written("a.bin") && written("b.ulg.zst"));
+}
+
+#[test]
+fn frames_without_stamps_are_the_same_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let recorded = records("px4-quad-gps-loss", 0.0, 20.0);
+    let stamped = write_log(folder.path(), "a", &bytes_of(&recorded));
+    let frames: Vec<u8> = recorded.iter().flat_map(|r| r.frame.iter().copied()).collect();
+    let raw = write_log(folder.path(), "b", &frames);
+    let format = |path: &Path| Log::open(path, None).unwrap().format();
+    assert_eq!((format(&stamped), format(&raw)), (LogFormat::Tlog, LogFormat::RawMavlink));
+    assert_eq!(inputs(&stamped).0, inputs(&raw).0);
 }

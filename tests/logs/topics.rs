@@ -3,6 +3,7 @@
 use holdover::sample::{Input, Reference, Sample, SampleKind};
 
 use crate::command::write_log;
+use crate::dataflash_file::DataFlashFile;
 use crate::flight::Flight;
 use crate::inputs;
 use crate::ulog_file::{Fields, UlogFile};
@@ -13,8 +14,12 @@ const FLOW: &str = "uint64_t timestamp_sample;float[2] pixel_flow;float[3] delta
                     float distance_m;bool distance_available;uint32_t integration_timespan_us;uint8_t quality";
 
 fn read(file: &UlogFile) -> Vec<Input> {
+    read_bytes(&file.bytes)
+}
+
+fn read_bytes(bytes: &[u8]) -> Vec<Input> {
     let folder = tempfile::tempdir().unwrap();
-    inputs(&write_log(folder.path(), "log", &file.bytes)).0
+    inputs(&write_log(folder.path(), "log", bytes)).0
 }
 
 fn unit(file: &mut UlogFile, us: u64, dt_us: u32) {
@@ -145,4 +150,46 @@ fn a_receiver_that_says_it_is_spoofed_is_heard() {
         matches!(i, Input::Sample(Sample::Gnss(g)) if g.warning == Some(holdover::sample::GnssWarning::Spoofed))
     });
     assert!(warned);
+}
+
+/// `IMU` of a unit, turning at `rate` rad/s about x.
+fn imu(file: &mut DataFlashFile, us: u64, unit: f64, rate: f64, healthy: f64) {
+    let told = [unit, rate, 0.0, 0.0, 0.0, 0.0, -9.8, 0.0, 0.0, 40.0, healthy, 1.0, 1000.0, 1000.0];
+    file.message("IMU", us, &told);
+}
+
+#[test]
+fn a_unit_that_is_not_healthy_is_replaced_by_the_next() {
+    let mut file = DataFlashFile::new();
+    for i in 0..500u32 {
+        let us = 2_000_000 + u64::from(i) * 20_000;
+        imu(&mut file, us, 0.0, 0.1, f64::from(i < 200));
+        imu(&mut file, us, 1.0, 0.2, 1.0);
+    }
+    let used = rates(&read_bytes(&file.bytes));
+    let by = |rate: f64| used.iter().filter(|(_, r)| (r - rate).abs() < 1e-6).count();
+    // The second is taken a second after the first was heard last.
+    assert_eq!((by(0.1), by(0.2)), (200, 250));
+    assert!(used.is_sorted());
+}
+
+#[test]
+fn single_samples_are_averaged_and_preferred() {
+    let mut file = DataFlashFile::new();
+    for i in 0..2000u32 {
+        let us = 2_000_000 + u64::from(i) * 1000;
+        // What alternates from sample to sample is gone from the mean.
+        let shaken = if i % 2 == 0 { 0.5 } else { -0.5 };
+        file.message("ACC", us, &[0.0, us as f64, 0.0, 0.0, -9.8 + 10.0 * shaken]);
+        file.message("GYR", us, &[0.0, us as f64, 0.3 + shaken, 0.0, 0.0]);
+        if i % 40 == 0 {
+            imu(&mut file, us, 0.0, 0.1, 1.0);
+        }
+    }
+    let read = read_bytes(&file.bytes);
+    let rates = rates(&read);
+    assert!((495..505).contains(&rates.len()), "{}", rates.len());
+    let (first, rest) = rates.split_at(3);
+    assert!(first.len() == 3 && rest.iter().all(|(_, rate)| (rate - 0.3).abs() < 1e-6), "{rest:?}");
+    assert!(rest.windows(2).all(|w| w[1].0 - w[0].0 == 4000));
 }

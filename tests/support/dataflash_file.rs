@@ -8,7 +8,7 @@ use crate::ulog_file::micros;
 
 const FMT: u8 = 128;
 /// Name, format and labels of what is written, as ArduPilot 4.7 has them.
-const KINDS: [(&str, &str, &str); 10] = [
+const KINDS: [(&str, &str, &str); 12] = [
     ("IMU", "QBffffffIIfBBHH", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"),
     ("MAG", "QBhhhhhhhhhBI", "TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health,S"),
     ("BARO", "QBffI", "TimeUS,I,Alt,Press,SMS"),
@@ -19,6 +19,8 @@ const KINDS: [(&str, &str, &str); 10] = [
     ("ARSP", "QBf", "TimeUS,I,Airspeed"),
     ("ARM", "QB", "TimeUS,ArmState"),
     ("MSG", "QZ", "TimeUS,Message"),
+    ("GYR", "QBQfff", "TimeUS,I,SampleUS,GyrX,GyrY,GyrZ"),
+    ("ACC", "QBQfff", "TimeUS,I,SampleUS,AccX,AccY,AccZ"),
 ];
 
 /// A file that grows.
@@ -66,6 +68,7 @@ impl DataFlashFile {
         for (letter, value) in format.chars().skip(1).zip(values) {
             match letter {
                 'f' => self.bytes.extend((*value as f32).to_le_bytes()),
+                'Q' => self.bytes.extend((*value as u64).to_le_bytes()),
                 'I' => self.bytes.extend((*value as u32).to_le_bytes()),
                 'L' => self.bytes.extend(((value * 1e7).round() as i32).to_le_bytes()),
                 'e' => self.bytes.extend(((value * 100.0).round() as i32).to_le_bytes()),

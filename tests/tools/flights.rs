@@ -8,8 +8,11 @@ use crate::command::holdover;
 fn flights() -> Vec<PathBuf> {
     let folder = std::env::var_os("HOLDOVER_FLIGHT_LOGS").expect("HOLDOVER_FLIGHT_LOGS is not set");
     let entries = std::fs::read_dir(folder).unwrap();
-    let mut found: Vec<PathBuf> =
-        entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "tlog")).collect();
+    let mut found: Vec<PathBuf> = entries
+        .flatten()
+        .map(|e| e.path())
+        .filter(|p| p.extension().is_some_and(|e| e == "tlog" || e == "ulg"))
+        .collect();
     found.sort();
     found
 }
