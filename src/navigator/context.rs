@@ -33,6 +33,8 @@ pub(super) struct SourceFacts {
     pub(super) gnss_receiver: u8,
     /// What the receiver's position is wrong by for minutes, 1 sigma, m.
     pub(super) gnss_sigma_m: f64,
+    /// Since when its velocity has been a lie.
+    pub(super) lying_since: Option<AutopilotTime>,
     /// Standard deviation of its latency, s.
     pub(super) gnss_latency_sigma_s: f64,
     /// The newest fix by landmarks in this outage, and what they were surveyed wrong by, 1 sigma, m.

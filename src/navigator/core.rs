@@ -11,6 +11,7 @@ use super::environment::Surroundings;
 use super::estimator::{EstimatorStack, StartPoint, Stepped};
 use super::event::{EventKind, TransitionReason};
 use super::event_log::EventLog;
+use super::flow_judge;
 use super::height::HeightEstimate;
 use super::monitor::gnss_integrity::{GnssFault, GnssIntegrity};
 use super::monitor::mode::{Decision, ModeInputs, decide};
@@ -256,6 +257,9 @@ impl Core {
             self.timeline.reset(&Reset::Relocated);
             self.published.stays(&-walked);
             self.events.tell(now, EventKind::WalkedBack(walked.norm()));
+        }
+        if let (GnssFault::ContradictsInertia, Some(since)) = (fault, facts.lying_since) {
+            flow_judge::take_back(self, since);
         }
         self.estimator.hold_over();
         // Gliding on without GNSS would be a wrong velocity: where it was published to be is where it is, plus what is missing.

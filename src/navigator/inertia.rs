@@ -118,7 +118,7 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
 }
 
 /// Whether the vehicle is in the air, or as fast as if it were.
-fn flies(core: &Core, facts: &SourceFacts) -> bool {
+pub(super) fn flies(core: &Core, facts: &SourceFacts) -> bool {
     let fast = core.estimator.estimate().is_some_and(|(_, v)| v.xy().norm() > FLIES_MPS);
     let above_m = core.height.height_m().zip(facts.ground).map(|(height, ground)| height - ground.height_m);
     !facts.resting && (fast || above_m.is_some_and(|h| h > FLIES_M))

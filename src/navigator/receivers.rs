@@ -9,12 +9,17 @@ use crate::time::AutopilotTime;
 
 use super::context::Context;
 use super::core::Core;
+use super::inertia;
 use super::judge::{self, Charge};
 use super::monitor::GnssFault;
 use super::monitor::gnss_integrity::Standing;
+use super::monitor::velocity_step::{FeltVelocity, VelocitySteps};
+use super::solution::Mode;
 use super::sources::SourceSet;
 use super::sources::gnss::{FixReading, expectation};
 use super::sources::status::{SourceId, SourceKind, SourceStatus};
+
+const IMU: SourceId = SourceId::only(SourceKind::Imu);
 
 /// What a fault is charged as; a loss of the fix is none.
 const fn charge_of(fault: GnssFault) -> Option<Charge> {
@@ -23,7 +28,9 @@ const fn charge_of(fault: GnssFault) -> Option<Charge> {
         GnssFault::Frozen => Some(Charge::Stuck),
         GnssFault::Inconsistent => Some(Charge::WalksOff),
         GnssFault::ContradictsFlow => Some(Charge::ContradictsFlow),
-        GnssFault::PositionJump | GnssFault::VelocityJump => Some(Charge::ContradictsInertia),
+        GnssFault::PositionJump | GnssFault::VelocityJump | GnssFault::ContradictsInertia => {
+            Some(Charge::ContradictsInertia)
+        }
         _ => None,
     }
 }
@@ -73,11 +80,50 @@ pub(super) fn hear_flow(
     Err(GnssFault::ContradictsFlow)
 }
 
+/// A fix of the receiver in use, set against inertia.
+///
+/// # Errors
+/// [`GnssFault::ContradictsInertia`] while its velocity has stepped where inertia felt nothing. The way back: it steps back, or agrees with what carries, or was
+/// silent, or does not lead further off than the position is uncertain.
+pub(super) fn hear_inertia(
+    core: &mut Core,
+    sources: &mut SourceSet,
+    reading: &FixReading,
+) -> Result<(), GnssFault> {
+    let facts = sources.facts(core);
+    let (flies, position_sigma) = (inertia::flies(core, &facts), core.horizontal_sigma_m(&facts));
+    let steps = &mut sources.gnss.steps;
+    let seen = reading.velocity_ne.zip(core.timeline.impulse(reading.measured));
+    if !matches!(core.mode, Mode::Aided | Mode::Rejoining | Mode::Holdover) {
+        steps.forget();
+    }
+    let Some((velocity, impulse)) = seen else { return told(steps) };
+    let sound = !core.witnesses.inertia.is_doubted() && core.statuses.charge(IMU).is_none();
+    steps.observe(&FeltVelocity {
+        time: reading.measured,
+        velocity,
+        impulse: impulse.xy(),
+        epoch: core.timeline.epoch(),
+        judged: core.mode == Mode::Aided && flies && sound && core.estimator.has_error_state(),
+        error: reading.velocity_error,
+        sigma: core.estimator.speed_sigma().unwrap_or(f64::INFINITY),
+        position_sigma: position_sigma.unwrap_or(f64::INFINITY),
+    });
+    told(steps)
+}
+
+fn told(steps: &VelocitySteps) -> Result<(), GnssFault> {
+    if steps.lie().is_some() { Err(GnssFault::ContradictsInertia) } else { Ok(()) }
+}
+
 /// A fix of the receiver that is not in use. True when it is from now on.
 pub(super) fn spare(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, s: &GnssSample) -> bool {
     let judged = judge_spare(core, sources, now, s).and_then(|(standing, reading)| {
         if walks_along(core, sources, &reading) {
             return Err(GnssFault::ContradictsFlow);
+        }
+        if reading.velocity_ne.is_some_and(|v| sources.gnss.steps.is_shared_by(&v)) {
+            return Err(GnssFault::ContradictsInertia);
         }
         Ok((standing, reading))
     });

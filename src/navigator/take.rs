@@ -219,6 +219,7 @@ impl Navigator {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let expected = (self.core.mode != Mode::Aligning).then(|| expectation(reading, &context));
         receivers::hear_flow(&mut self.core, &mut self.sources, reading)?;
+        receivers::hear_inertia(&mut self.core, &mut self.sources, reading)?;
         let core = &mut self.core;
         let position_ne = reading.position_ned.xy();
         let judged = core.integrity.judge(reading.stamp, position_ne, reading.velocity_ne, expected);

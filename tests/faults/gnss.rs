@@ -42,8 +42,8 @@ fn every_lie_is_left_before_it_does_harm_and_its_end_is_taken_in_seconds() {
         ("gnss:jump=5", 2.0, "contradicts inertia", 5.0),
         ("gnss:jump=12", 2.0, "contradicts inertia", 5.0),
         ("gnss:walk=0.5", 15.0, "", 15.0),
-        ("gnss:walkboth=0.5", 30.0, "contradicts flow", 15.0),
-        ("gnss:walkboth=1.2", 8.0, "contradicts flow", 15.0),
+        ("gnss:walkboth=0.5", 30.0, "contradicts", 15.0),
+        ("gnss:walkboth=1.2", 8.0, "contradicts", 15.0),
         ("gnss:freeze", 3.0, "", 5.0),
         ("gnss:spoofed", 1.0, "says so itself", 5.0),
         ("gnss:jammed", 1.0, "says so itself", 5.0),
@@ -63,6 +63,31 @@ fn every_lie_is_left_before_it_does_harm_and_its_end_is_taken_in_seconds() {
         let gnss = told.report["sources"].as_array().unwrap().iter().find(|s| s["kind"] == "gnss").unwrap();
         assert_eq!(gnss["health"], "healthy", "{lie}: nothing is held against it in the end");
         assert_eq!(gnss["charge"], Value::Null, "{lie}");
+    }
+}
+
+#[test]
+fn a_walk_of_position_and_velocity_is_found_where_it_begins_by_inertia_alone() {
+    // A multirotor without flow, and a wing.
+    for (name, from_s, back_s) in [("px4-quad-gps-loss", 90.0, 5.0), ("ardupilot-plane-survey-light", 700.0, 5.0)] {
+        let log = sitl_log(name);
+        let fault = format!("gnss:walkboth=2@{from_s}..{}", from_s + 30.0);
+        let report = holdover(&["replay", log.to_str().unwrap(), "--json", "--fault", &fault]).json();
+        let told = |code: &str, words: &str| {
+            let after = |e: &&Value| e["t_s"].as_f64().is_some_and(|t| t > from_s);
+            let says =
+                |e: &&Value| e["code"] == code && e["text"].as_str().is_some_and(|t| t.contains(words));
+            let mut events = report["events"].as_array().unwrap().iter().filter(after).filter(says);
+            events.find_map(|e| e["t_s"].as_f64())
+        };
+        let left = told("mode", "-> Holdover").unwrap();
+        assert!(left < from_s + 5.0, "{name}: left after {} s", left - from_s);
+        let back = told("source-acquitted", "GNSS 0").unwrap();
+        assert!(
+            back > from_s + 30.0 && back < from_s + 33.0 + back_s,
+            "{name}: back after {} s",
+            back - from_s
+        );
     }
 }
 

@@ -73,6 +73,9 @@ pub enum GnssFault {
     /// Position and velocity walk off together from what the optical flow shows.
     #[strum(serialize = "walks off from flow")]
     ContradictsFlow,
+    /// Its velocity has changed where inertia has felt no force.
+    #[strum(serialize = "velocity contradicts inertia")]
+    ContradictsInertia,
     /// Position and velocity stay exactly the same while the vehicle moves.
     #[strum(serialize = "frozen")]
     Frozen,
@@ -104,8 +107,19 @@ impl GnssFault {
 
     /// One fix of it is enough: it was found over a time, or is the receiver's own word.
     pub const fn is_certain(self) -> bool {
-        use GnssFault::{ContradictsFlow, Frozen, Inconsistent, Jammed, SignalsInconsistent, Spoofed};
-        matches!(self, Inconsistent | ContradictsFlow | Frozen | Spoofed | Jammed | SignalsInconsistent)
+        use GnssFault::{
+            ContradictsFlow, ContradictsInertia, Frozen, Inconsistent, Jammed, SignalsInconsistent, Spoofed,
+        };
+        matches!(
+            self,
+            Inconsistent
+                | ContradictsFlow
+                | ContradictsInertia
+                | Frozen
+                | Spoofed
+                | Jammed
+                | SignalsInconsistent
+        )
     }
 }
 

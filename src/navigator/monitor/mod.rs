@@ -14,6 +14,7 @@ pub(super) mod mode;
 pub(super) mod outage;
 pub(super) mod plausibility;
 pub(super) mod usual;
+pub(super) mod velocity_step;
 pub(super) mod witnesses;
 
 pub use gnss_integrity::{GnssFault, GnssState};

@@ -5,16 +5,16 @@
 //! that goes wrong makes is a kink, d = c + a t + k·(t − θ)₊. Both are fitted by least squares for every θ of the last seconds; the step is a lie where it
 //! explains more than is usual for this receiver ([`UsualSpread`]), more than any kink does, and more than a heading that is off makes of the change of velocity.
 //!
-//! A lie stands until the velocity steps back, or until whatever else carries knows the velocity well enough to see that GNSS agrees with it again, or
-//! until nothing is known any more.
+//! A lie stands until the velocity steps back, or until whatever else carries knows the velocity well enough to see that GNSS agrees with it again; until
+//! the receiver is silent for a while, and comes back like any other; and for as long as it leads further off than the position is uncertain without it.
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Vector2};
 
 use super::usual::UsualSpread;
 use crate::navigator::tuning::velocity_step::{
-    BACK, BACK_S, CLEAR_OF, DECADES, FIRM, HOLE_S, KNOWN, LEARN_S, LEARNED, LEAST_MPS, LEAST_NOISE_MPS,
-    MEMORY, NOISE_GAIN, OLDEST_S, OTHERWISE_BENT, SAMPLES, SPACING_S, SPREAD, START_NOISE_MPS, WINDOW_S,
-    YOUNGEST_S,
+    BACK, BACK_S, CLEAR_OF, DECADES, FIRM, HOLE_S, KNOWN, LEARN_S, LEARNED, LEAST_LED_M, LEAST_MPS,
+    LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S, SAMPLES, SPACING_S, SPREAD,
+    START_NOISE_MPS, WINDOW_S, YOUNGEST_S,
 };
 use crate::time::{AutopilotTime, Span};
 
@@ -26,13 +26,13 @@ pub(in super::super) struct FeltVelocity {
     pub(in super::super) impulse: Vector2<f64>,
     /// Changes when the impulse begins anew.
     pub(in super::super) epoch: u32,
-    /// How well the heading is known, rad.
-    pub(in super::super) yaw_sigma: f64,
     /// GNSS is navigated on, and inertia is sound.
     pub(in super::super) judged: bool,
     /// Against the estimate, which other sources carry, and how well that is known, m/s.
     pub(in super::super) error: Option<Vector2<f64>>,
     pub(in super::super) sigma: f64,
+    /// How well the position is known, m.
+    pub(in super::super) position_sigma: f64,
 }
 
 /// A velocity that is a lie.
@@ -46,7 +46,7 @@ pub(in super::super) struct VelocityLie {
 
 /// A fix with its d.
 #[derive(Clone, Copy, Debug)]
-struct Felt {
+struct FixWithImpulse {
     time: AutopilotTime,
     difference: Vector2<f64>,
     velocity: Vector2<f64>,
@@ -54,27 +54,26 @@ struct Felt {
 
 /// A step at a time.
 #[derive(Clone, Copy, Debug)]
-struct Step {
+struct VelocityStep {
     since: AutopilotTime,
     size: Vector2<f64>,
     /// What it explains of Σ|d − c − a t|², (m/s)², and what it leaves.
     gain: f64,
     left: f64,
-    /// Change of the velocity meanwhile, m/s.
-    moved: f64,
 }
 
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub(in super::super) struct VelocitySteps {
     /// Oldest first.
-    felt: Vec<Felt>,
+    felt: Vec<FixWithImpulse>,
     epoch: u32,
     /// Variance of d on an axis, (m/s)².
     noise: f64,
     usual: UsualSpread,
     learned: u32,
     learn_due: Option<AutopilotTime>,
+    look_due: Option<AutopilotTime>,
     lie: Option<VelocityLie>,
     /// For how long GNSS has agreed with what carries, s.
     agrees_since: Option<AutopilotTime>,
@@ -89,6 +88,7 @@ impl VelocitySteps {
             usual: UsualSpread::expecting(SPREAD, FIRM),
             learned: 0,
             learn_due: None,
+            look_due: None,
             lie: None,
             agrees_since: None,
         }
@@ -97,6 +97,12 @@ impl VelocitySteps {
     /// What is held against the receiver.
     pub(in super::super) fn lie(&self) -> Option<&VelocityLie> {
         self.lie.as_ref()
+    }
+
+    /// Whether another receiver with this velocity, NE, m/s, tells the same lie.
+    pub(in super::super) fn is_shared_by(&self, velocity: &Vector2<f64>) -> bool {
+        let own = self.felt.last().map(|f| f.velocity);
+        self.lie.zip(own).is_some_and(|(lie, own)| (velocity - own).norm() < BACK * lie.step.norm())
     }
 
     /// Nothing is known of this receiver any more, or nothing that could judge it.
@@ -113,13 +119,16 @@ impl VelocitySteps {
             self.felt.clear();
             self.epoch = s.epoch;
         }
+        if hole {
+            self.lie = None;
+        }
         if self.felt.last().is_some_and(|f| s.time.seconds_since(f.time) < SPACING_S) {
             return;
         }
         if self.felt.len() == SAMPLES {
             self.felt.remove(0);
         }
-        self.felt.push(Felt {
+        self.felt.push(FixWithImpulse {
             time: s.time,
             difference: s.velocity - s.impulse,
             velocity: s.velocity,
@@ -133,31 +142,29 @@ impl VelocitySteps {
     }
 
     fn judge(&mut self, s: &FeltVelocity) {
+        if self.look_due.is_some_and(|due| s.time < due) {
+            return;
+        }
+        self.look_due = Some(s.time + Span::from_seconds(LOOK_S));
         let Some((step, kink, plain)) = self.fit(s.time) else { return };
         let noise = self.noise.max(LEAST_NOISE_MPS * LEAST_NOISE_MPS);
         let square = step.gain / noise;
-        // A heading that is off turns what was felt against what was seen.
-        let turned = (s.yaw_sigma.hypot(OTHERWISE_BENT) * step.moved).powi(2);
-        let known = step.size.norm_squared() / (step.size.norm_squared() + turned * self.usual.limit(DECADES));
-        let unit = self.usual.variance().max(1.0);
-        if std::env::var("VD").is_ok() { eprintln!("V {:.1} sq {:.1} known {:.2} lim {:.1} noise {:.3} size {:.2} moved {:.1} kink {:.1} left {:.1} learned {}", s.time.seconds_since(AutopilotTime::from_micros(0)), square, known, self.usual.limit(DECADES), noise.sqrt(), step.size.norm(), step.moved, kink/noise, step.left/noise, self.learned); }
         let found = self.learned >= LEARNED
-            && known * square > self.usual.limit(DECADES)
-            && known > 0.5
+            && square > self.usual.limit(DECADES)
             && step.size.norm() > LEAST_MPS
-            && (step.gain - kink) / noise > CLEAR_OF * unit
-            && step.left < step.gain;
+            && (step.gain - kink) / noise > CLEAR_OF
+            && step.left < LEAVES * step.gain;
         if found {
             self.lie = Some(VelocityLie { since: step.since, step: step.size });
             self.agrees_since = None;
             return;
         }
-        let degrees = (2 * self.felt.len()).saturating_sub(4).max(1) as f64;
+        let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
         self.noise += NOISE_GAIN * ((plain / degrees).min(9.0 * noise) - self.noise);
         if self.learn_due.is_none_or(|due| s.time >= due) {
             self.learn_due = Some(s.time + Span::from_seconds(LEARN_S));
             self.learned = self.learned.saturating_add(1);
-            self.usual.learn((known * square).min(self.usual.limit(DECADES)), MEMORY);
+            self.usual.learn(square.min(self.usual.limit(DECADES)), MEMORY);
         }
     }
 
@@ -170,52 +177,183 @@ impl VelocitySteps {
         let known = s.sigma < KNOWN * lie.step.norm();
         let agrees = s.error.is_some_and(|e| known && e.norm() < BACK * lie.step.norm());
         self.agrees_since = if agrees { self.agrees_since.or(Some(s.time)) } else { None };
-        if stepped_back || self.agrees_since.is_some_and(|t| s.time.seconds_since(t) > BACK_S) {
+        let led_m = lie.step.norm() * s.time.seconds_since(lie.since);
+        let harmless = s.position_sigma > led_m.max(LEAST_LED_M);
+        if stepped_back || harmless || self.agrees_since.is_some_and(|t| s.time.seconds_since(t) > BACK_S) {
             self.forget();
         }
     }
 
     /// The best step, what the best kink explains, and what neither leaves, (m/s)².
-    fn fit(&self, now: AutopilotTime) -> Option<(Step, f64, f64)> {
+    fn fit(&self, now: AutopilotTime) -> Option<(VelocityStep, f64, f64)> {
         let first = self.felt.first()?;
         if now.seconds_since(first.time) < 0.6 * WINDOW_S {
             return None;
         }
-        let plain = self.least_squares(|_| 0.0)?.1;
-        let mut best: Option<Step> = None;
+        let rest = Residuals::of(&self.felt)?;
+        let plain = rest.of_differences.iter().map(Vector2::norm_squared).sum::<f64>();
+        let mut best: Option<VelocityStep> = None;
         let mut kink = 0.0f64;
         for onset in self.felt.windows(2) {
-            let since = onset[1].time;
-            let age = now.seconds_since(since);
-            if !(YOUNGEST_S..OLDEST_S).contains(&age) {
+            let (before, since) = (onset[0].time, onset[1].time);
+            if !(YOUNGEST_S..OLDEST_S).contains(&now.seconds_since(since)) {
                 continue;
             }
-            let after = |t: AutopilotTime| t.seconds_since(since) >= 0.0;
-            let bent = |t: AutopilotTime| t.seconds_since(onset[0].time).max(0.0);
-            kink = kink.max(plain - self.least_squares(bent)?.1);
-            let (size, left) = self.least_squares(|t| f64::from(u8::from(after(t))))?;
-            let gain = plain - left;
+            let bend = |f: &FixWithImpulse| f.time.seconds_since(before).max(0.0);
+            kink = kink.max(rest.explained(&self.felt, bend).1);
+            let (size, gain) = rest.explained(&self.felt, |f| f64::from(u8::from(f.time >= since)));
             if best.is_none_or(|b| gain > b.gain) {
-                let moved = self.felt.iter().map(|f| (f.velocity - onset[0].velocity).norm());
-                best = Some(Step { since: onset[0].time, size, gain, left, moved: moved.fold(0.0, f64::max) });
+                best = Some(VelocityStep { since: before, size, gain, left: (plain - gain).max(0.0) });
             }
         }
         Some((best?, kink, plain))
     }
+}
 
-    /// d = c + a t + s u(t): s, NE, and the sum of squares that is left.
-    fn least_squares(&self, u: impl Fn(AutopilotTime) -> f64) -> Option<(Vector2<f64>, f64)> {
-        let from = self.felt.first()?.time;
-        let (mut normal, mut right) = (Matrix3::zeros(), nalgebra::Matrix3x2::zeros());
-        let mut squares = 0.0;
-        for f in &self.felt {
-            let row = Vector3::new(1.0, f.time.seconds_since(from), u(f.time));
-            normal += row * row.transpose();
-            right += row * f.difference.transpose();
-            squares += f.difference.norm_squared();
+/// Numbers that are fitted whatever happened: c and a on both axes, and a turn and a scale of what was felt.
+const NUISANCES: usize = 6;
+
+/// What is left of the differences when c, a, a turn ψ and a scale ε of the change of velocity are taken out, d = c + a t + ψ J v + ε v, and an orthonormal
+/// basis of those, by fixes.
+struct Residuals {
+    basis: [[Vector2<f64>; SAMPLES]; NUISANCES],
+    of_differences: [Vector2<f64>; SAMPLES],
+}
+
+impl Residuals {
+    fn of(felt: &[FixWithImpulse]) -> Option<Self> {
+        let n = felt.len() as f64;
+        let from = felt.first()?.time;
+        let mean = felt.iter().map(|f| f.velocity).sum::<Vector2<f64>>() / n;
+        let zero = Vector2::zeros();
+        let mut rest = Self { basis: [[zero; SAMPLES]; NUISANCES], of_differences: [zero; SAMPLES] };
+        let mut used = 0;
+        for k in 0..NUISANCES {
+            let mut column = [zero; SAMPLES];
+            for (value, f) in column.iter_mut().zip(felt) {
+                let (t, v) = (f.time.seconds_since(from), f.velocity - mean);
+                *value = match k {
+                    0 => Vector2::x(),
+                    1 => Vector2::y(),
+                    2 => Vector2::x() * t,
+                    3 => Vector2::y() * t,
+                    4 => Vector2::new(-v.y, v.x),
+                    _ => v,
+                };
+            }
+            let before = column.iter().map(Vector2::norm_squared).sum::<f64>();
+            rest.take_out(&mut column);
+            let left = column.iter().map(Vector2::norm_squared).sum::<f64>();
+            // Who flies straight on says nothing of turn and scale.
+            if left > 1e-3 * before && left > LEAST_NOISE_MPS {
+                rest.basis[used] = column.map(|value| value / left.sqrt());
+                used += 1;
+            }
         }
-        normal += Matrix3::identity() * 1e-6;
-        let solved = normal.cholesky()?.solve(&right);
-        Some((solved.row(2).transpose(), (squares - right.dot(&solved)).max(0.0)))
+        let mut differences = [zero; SAMPLES];
+        for (value, f) in differences.iter_mut().zip(felt) {
+            *value = f.difference - felt[0].difference;
+        }
+        rest.take_out(&mut differences);
+        rest.of_differences = differences;
+        Some(rest)
+    }
+
+    /// What is orthogonal to all that are taken so far.
+    fn take_out(&self, column: &mut [Vector2<f64>; SAMPLES]) {
+        for basis in &self.basis {
+            let along: f64 = basis.iter().zip(column.iter()).map(|(b, c)| b.dot(c)).sum();
+            for (value, b) in column.iter_mut().zip(basis) {
+                *value -= b * along;
+            }
+        }
+    }
+
+    /// s, NE, of d = … + s u, and what that explains.
+    fn explained(&self, felt: &[FixWithImpulse], u: impl Fn(&FixWithImpulse) -> f64) -> (Vector2<f64>, f64) {
+        let column = |axis: Vector2<f64>| {
+            let mut column = [Vector2::zeros(); SAMPLES];
+            for (value, f) in column.iter_mut().zip(felt) {
+                *value = axis * u(f);
+            }
+            self.take_out(&mut column);
+            column
+        };
+        let dot = |a: &[Vector2<f64>; SAMPLES], b: &[Vector2<f64>; SAMPLES]| -> f64 {
+            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+        };
+        let (north, east) = (column(Vector2::x()), column(Vector2::y()));
+        let normal =
+            Matrix2::new(dot(&north, &north), dot(&north, &east), dot(&north, &east), dot(&east, &east));
+        let right = Vector2::new(dot(&north, &self.of_differences), dot(&east, &self.of_differences));
+        let size = normal.try_inverse().map_or(Vector2::zeros(), |inverse| inverse * right);
+        (size, size.dot(&right).max(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(s: f64) -> AutopilotTime {
+        AutopilotTime::from_micros((s * 1e6).round() as i64)
+    }
+
+    /// Legs with turns between them, felt with a heading that is off by 3 degrees and a tilt; `lie` is what the receiver adds, `wrong` what inertia does.
+    /// When the receiver is accused, s, and until when.
+    fn fly(lie: impl Fn(f64) -> f64, wrong: impl Fn(f64) -> f64) -> Option<(f64, Option<f64>)> {
+        let mut steps = VelocitySteps::new();
+        let (mut from, mut to) = (None, None);
+        for k in 0..900 {
+            let t = f64::from(k) * 0.2;
+            let v = Vector2::new((0.3 * t).sin(), (0.2 * t).cos()) * 5.0;
+            let noise =
+                Vector2::new(f64::sin(f64::from(k * 7919 % 31)), f64::sin(f64::from(k * 104_729 % 37))) * 0.1;
+            let felt = nalgebra::Rotation2::new(0.05) * v + Vector2::new(0.02 * t, wrong(t));
+            steps.observe(&FeltVelocity {
+                time: at(t),
+                velocity: v + noise + Vector2::new(0.6, 0.8) * lie(t),
+                impulse: felt,
+                epoch: 1,
+                judged: true,
+                error: None,
+                sigma: f64::INFINITY,
+                position_sigma: 1.0,
+            });
+            match (steps.lie(), from) {
+                (Some(_), None) => from = Some(t),
+                (None, Some(_)) if to.is_none() => to = Some(t),
+                _ => {}
+            }
+        }
+        from.map(|from| (from, to))
+    }
+
+    #[test]
+    fn a_step_that_no_force_has_made_is_the_receivers_and_ends_with_a_step_back() {
+        assert_eq!(fly(|_| 0.0, |_| 0.0), None);
+        let lies = |size: f64| move |t: f64| if (100.0..130.0).contains(&t) { size } else { 0.0 };
+        for size in [1.2, 2.0] {
+            let Some((from, Some(to))) = fly(lies(size), |_| 0.0) else { panic!("{size}") };
+            assert!((101.0..104.0).contains(&from) && (131.0..134.5).contains(&to), "{size}: {from} {to}");
+        }
+    }
+
+    #[test]
+    fn a_tilt_that_goes_wrong_is_none_of_the_receivers() {
+        assert_eq!(fly(|_| 0.0, |t| 0.8 * (t - 100.0).max(0.0)), None);
+    }
+
+    #[test]
+    fn who_tells_the_same_shares_the_lie() {
+        let mut steps = VelocitySteps::new();
+        steps.felt.push(FixWithImpulse {
+            time: at(0.0),
+            difference: Vector2::zeros(),
+            velocity: Vector2::new(7.0, 0.0),
+        });
+        assert!(!steps.is_shared_by(&Vector2::new(7.1, 0.0)));
+        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0) });
+        assert!(steps.is_shared_by(&Vector2::new(7.1, 0.0)) && !steps.is_shared_by(&Vector2::new(5.1, 0.0)));
     }
 }

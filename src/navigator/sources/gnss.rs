@@ -12,6 +12,7 @@ use super::super::monitor::flow_travel::FlowTravel;
 use super::super::monitor::gnss_by_flow::GnssByFlow;
 use super::super::monitor::gnss_integrity::{FixInnovation, GnssFault, GnssIntegrity};
 use super::super::monitor::usual::UsualSpread;
+use super::super::monitor::velocity_step::VelocitySteps;
 use super::super::reset::Reset;
 use super::super::settings::GnssSettings;
 use super::super::solution::VelocitySource;
@@ -46,6 +47,8 @@ pub(in super::super) struct GnssSource {
     pub(in super::super) travel: FlowTravel,
     /// And what that says of the receiver.
     pub(in super::super) witness: GnssByFlow,
+    /// Its velocity against inertia.
+    pub(in super::super) steps: VelocitySteps,
     /// What is known of the receiver that is not listened to.
     pub(in super::super) spare: GnssIntegrity,
     /// Where the last fix lay from the estimate, NE, m.
@@ -103,6 +106,7 @@ impl GnssSource {
             sigma_m: settings.default_accuracy_m,
             travel: FlowTravel::new(),
             witness: GnssByFlow::new(),
+            steps: VelocitySteps::new(),
             spare: GnssIntegrity::new(settings.trust),
             error: None,
             agreement: UsualSpread::expecting(AGREE_M * AGREE_M, AGREE_FIRM),
@@ -140,6 +144,7 @@ impl GnssSource {
         self.receiver = receiver;
         self.latency.interrupt();
         self.witness.acquit();
+        self.steps.forget();
         self.error = None;
         (self.apart_m, self.apart_since) = (0.0, None);
     }

@@ -164,6 +164,45 @@ pub(in crate::navigator) mod gnss_by_flow {
     pub(in crate::navigator) const RESTORED: f64 = 4.6;
 }
 
+/// A receiver's velocity that steps.
+pub(in crate::navigator) mod velocity_step {
+    /// So many fixes are looked at, one in so long, s, of the last seconds; a longer hole ends the comparison.
+    pub(in crate::navigator) const SAMPLES: usize = 56;
+    pub(in crate::navigator) const SPACING_S: f64 = 0.18;
+    pub(in crate::navigator) const WINDOW_S: f64 = 10.0;
+    pub(in crate::navigator) const HOLE_S: f64 = 2.5;
+    /// They are looked at this often, s.
+    pub(in crate::navigator) const LOOK_S: f64 = 0.4;
+    /// The step was so long ago, s: a receiver lags behind its vehicle by less, and what is remembered of the filter reaches further back.
+    pub(in crate::navigator) const YOUNGEST_S: f64 = 1.5;
+    pub(in crate::navigator) const OLDEST_S: f64 = 4.5;
+    /// Noise of the difference before it was seen, and at least, m/s, and the gain of its running mean square.
+    pub(in crate::navigator) const START_NOISE_MPS: f64 = 0.3;
+    pub(in crate::navigator) const LEAST_NOISE_MPS: f64 = 0.03;
+    pub(in crate::navigator) const NOISE_GAIN: f64 = 0.02;
+    /// What a step explains of white noise, as a square of its sigmas an axis, before it was seen, how firmly, how many count, one in so long, s, and
+    /// how many have to be seen before anybody is accused.
+    pub(in crate::navigator) const SPREAD: f64 = 4.0;
+    pub(in crate::navigator) const FIRM: f64 = 12.0;
+    pub(in crate::navigator) const MEMORY: f64 = 60.0;
+    pub(in crate::navigator) const LEARN_S: f64 = 3.0;
+    pub(in crate::navigator) const LEARNED: u32 = 8;
+    /// A lie is beyond what would happen once in 10^6 windows, were what is usual normal, and explains more than a kink does by so much: a hundred times
+    /// as likely.
+    pub(in crate::navigator) const DECADES: f64 = 6.0;
+    pub(in crate::navigator) const CLEAR_OF: f64 = 9.2;
+    /// … and leaves no more than this part of what it explains: manoeuvres that are sampled badly leave more.
+    pub(in crate::navigator) const LEAVES: f64 = 0.33;
+    /// Slower it harms nobody soon, m/s: receivers' velocities are biased by as much.
+    pub(in crate::navigator) const LEAST_MPS: f64 = 0.3;
+    /// A lie is not let go in its first moments, m.
+    pub(in crate::navigator) const LEAST_LED_M: f64 = 10.0;
+    /// It has ended where what is left of the step is this part of it, by what is known to this part of it, for so long, s.
+    pub(in crate::navigator) const BACK: f64 = 0.5;
+    pub(in crate::navigator) const KNOWN: f64 = 0.25;
+    pub(in crate::navigator) const BACK_S: f64 = 3.0;
+}
+
 /// The flow as a witness against GNSS.
 pub(in crate::navigator) mod flow_travel {
     /// A calibration testifies when it is this old, s, and until it is twice as old.
