@@ -226,6 +226,9 @@ impl Navigator {
         let standing = match judged {
             Ok(standing) => standing,
             Err(fault) => {
+                if fault == GnssFault::PositionJump && !core.dead_reckoning() {
+                    core.witnesses.unexplained.jumped(reading.position_error.xy().norm());
+                }
                 heading_turn::witness(&mut self.core, &mut self.sources, now, reading, Some(fault));
                 return Err(fault);
             }
@@ -279,6 +282,10 @@ impl Navigator {
             self.reset(&Reset::StreamBroken);
             self.core.change_mode(now, Mode::Aligning, TransitionReason::HeadingLost);
             return;
+        }
+        let facts = self.sources.facts(&self.core);
+        if let Some(sigma_m) = self.core.horizontal_sigma_m(&facts) {
+            self.core.witnesses.unexplained.came_back(now, &reading.position_error.xy(), sigma_m);
         }
         self.core.go_to(now, reading);
     }

@@ -28,8 +28,9 @@ impl Core {
     /// Covariances of the published horizontal position and velocity, NE, m² and (m/s)².
     fn horizontal_covariances(&self, facts: &SourceFacts) -> (Matrix2<f64>, Matrix2<f64>) {
         // A receiver's error changes over minutes: no averaging takes it out, and it stays when the receiver goes.
-        let anchor =
-            Matrix2::identity() * self.anchor_sigma_m(facts).powi(2) + self.published.offset_covariance();
+        let unexplained = self.witnesses.unexplained.variance(self.stream.newest());
+        let anchor = Matrix2::identity() * (self.anchor_sigma_m(facts).powi(2) + unexplained)
+            + self.published.offset_covariance();
         let budget = self.outage.budget().zip(self.stream.newest());
         let by_budget = budget.map(|(b, now)| (b.position(has_magnetometer(facts, now)), b.velocity()));
         match (self.mode, self.estimator.covariance(), by_budget) {

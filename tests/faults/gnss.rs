@@ -69,7 +69,9 @@ fn every_lie_is_left_before_it_does_harm_and_its_end_is_taken_in_seconds() {
 #[test]
 fn a_walk_of_position_and_velocity_is_found_where_it_begins_by_inertia_alone() {
     // A multirotor without flow, and a wing.
-    for (name, from_s, back_s) in [("px4-quad-gps-loss", 90.0, 5.0), ("ardupilot-plane-survey-light", 700.0, 5.0)] {
+    for (name, from_s, back_s) in
+        [("px4-quad-gps-loss", 90.0, 5.0), ("ardupilot-plane-survey-light", 700.0, 5.0)]
+    {
         let log = sitl_log(name);
         let fault = format!("gnss:walkboth=2@{from_s}..{}", from_s + 30.0);
         let report = holdover(&["replay", log.to_str().unwrap(), "--json", "--fault", &fault]).json();

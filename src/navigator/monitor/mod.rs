@@ -13,6 +13,7 @@ pub(super) mod inertia_witness;
 pub(super) mod mode;
 pub(super) mod outage;
 pub(super) mod plausibility;
+pub(super) mod unexplained;
 pub(super) mod usual;
 pub(super) mod velocity_step;
 pub(super) mod witnesses;

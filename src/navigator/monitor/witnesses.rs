@@ -5,6 +5,7 @@ use super::inertia_jumps::InertiaJumps;
 use super::inertia_trust::InertiaTrust;
 use super::inertia_witness::{HorizontalWitness, VerticalWitness};
 use super::plausibility::Plausibility;
+use super::unexplained::Unexplained;
 use crate::navigator::tuning::inertia_witness::TURNED_S;
 use crate::time::AutopilotTime;
 
@@ -25,6 +26,8 @@ pub(in super::super) struct Witnesses {
     pub(in super::super) jumps: InertiaJumps,
     /// What came of that.
     pub(in super::super) inertia: InertiaTrust,
+    /// Of where the receiver came back.
+    pub(in super::super) unexplained: Unexplained,
 }
 
 impl Witnesses {

@@ -118,6 +118,14 @@ pub(in crate::navigator) mod frozen_fixes {
     pub(in crate::navigator) const FROZEN_S: f64 = 0.9;
 }
 
+/// A receiver that comes back elsewhere than the vehicle can have gone.
+pub(in crate::navigator) mod unexplained {
+    /// A deviation within so many sigmas of the dead reckoning is its drift.
+    pub(in crate::navigator) const EXPLAINED_SIGMAS: f64 = 2.0;
+    /// What is beyond is forgotten in this time, s: multipath and satellites change over some minutes.
+    pub(in crate::navigator) const FORGOTTEN_S: f64 = 300.0;
+}
+
 /// The flow's word on GNSS.
 pub(in crate::navigator) mod gnss_by_flow {
     /// The two are compared by blocks of this, s; so many are kept; windows of so many are looked at.

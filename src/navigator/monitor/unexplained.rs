@@ -1,0 +1,93 @@
+//! A receiver that comes back elsewhere than the vehicle can have gone.
+//!
+//! A fix d from the dead reckoning whose sigma is σ is explained by its drift as far as 2σ; nobody knows of the rest, r² = d² − (2σ)², whether the
+//! receiver was wrong before or is now. Where it was seen to jump, by j, drift explains nothing as long as it is nearer to where it jumped to than to
+//! where it was, and r is no less than j. It is followed, for it may be right, and r stays in what is claimed of the position: until it jumps back by
+//! the same, and forgotten as errors of receivers are, over minutes.
+
+use nalgebra::Vector2;
+
+use crate::navigator::tuning::unexplained::{EXPLAINED_SIGMAS, FORGOTTEN_S};
+use crate::time::AutopilotTime;
+
+/// See the module's documentation.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in super::super) struct Unexplained {
+    /// When the receiver came back, and what was not explained then, NE, m.
+    returned: Option<(AutopilotTime, Vector2<f64>)>,
+    /// How far it was seen to jump since then, m.
+    jumped_m: Option<f64>,
+}
+
+impl Unexplained {
+    /// A fix that inertia does not follow lies so far from where it should.
+    pub(in super::super) fn jumped(&mut self, apart_m: f64) {
+        self.jumped_m = self.jumped_m.or(Some(apart_m).filter(|m| m.is_finite()));
+    }
+
+    /// The receiver is believed again, `apart_ne` m from a dead reckoning that claimed `sigma_m`.
+    pub(in super::super) fn came_back(&mut self, now: AutopilotTime, apart_ne: &Vector2<f64>, sigma_m: f64) {
+        let apart_m = apart_ne.norm();
+        let drifted = (apart_m.powi(2) - (EXPLAINED_SIGMAS * sigma_m).powi(2)).max(0.0).sqrt();
+        let jumped = self.jumped_m.take().filter(|jump| apart_m > 0.5 * jump);
+        let rest_m = jumped.map_or(drifted, |jump| drifted.max(jump.min(apart_m)));
+        if rest_m.is_finite() && rest_m > 0.0 {
+            self.returned = Some((now, self.left(now) + apart_ne * (rest_m / apart_m)));
+        }
+    }
+
+    /// What of it is left, NE, m.
+    fn left(&self, now: AutopilotTime) -> Vector2<f64> {
+        self.returned.map_or(Vector2::zeros(), |(then, rest_ne)| {
+            rest_ne * (-now.seconds_since(then).max(0.0) / FORGOTTEN_S).exp()
+        })
+    }
+
+    /// Variance of a component of the horizontal position, m².
+    pub(in super::super) fn variance(&self, now: Option<AutopilotTime>) -> f64 {
+        now.map_or(0.0, |now| 0.5 * self.left(now).norm_squared())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(s: f64) -> AutopilotTime {
+        AutopilotTime::from_micros((s * 1e6) as i64)
+    }
+
+    fn sigma(u: &Unexplained, s: f64) -> f64 {
+        (2.0 * u.variance(Some(at(s)))).sqrt()
+    }
+
+    #[test]
+    fn what_drift_explains_leaves_nothing_and_the_rest_is_forgotten_over_minutes() {
+        let mut u = Unexplained::default();
+        let apart = Vector2::new(60.0, -80.0);
+        u.came_back(at(10.0), &apart, 60.0);
+        assert_eq!(sigma(&u, 10.0), 0.0);
+        u.came_back(at(10.0), &apart, 30.0);
+        assert!((sigma(&u, 10.0) - 80.0).abs() < 1e-9);
+        assert!(sigma(&u, 70.0) > 60.0 && sigma(&u, 1800.0) < 1.0);
+        u.came_back(at(1800.0), &Vector2::repeat(f64::NAN), 1.0);
+        assert!(sigma(&u, 1800.0) < 1.0);
+    }
+
+    #[test]
+    fn a_jump_is_no_drift_and_a_jump_back_takes_it_away() {
+        let jump = Vector2::new(3.0, 4.0);
+        let mut u = Unexplained::default();
+        u.jumped(5.0);
+        u.jumped(50.0);
+        u.came_back(at(1.0), &(jump * 1.1), 4.0);
+        assert!((sigma(&u, 1.0) - 5.0).abs() < 1e-9, "{}", sigma(&u, 1.0));
+        u.jumped(5.0);
+        u.came_back(at(20.0), &-jump, 4.0);
+        assert!(sigma(&u, 20.0) < 0.5, "{}", sigma(&u, 20.0));
+        // It has jumped, and come back to where it was before it is believed again.
+        u.jumped(20.0);
+        u.came_back(at(30.0), &Vector2::new(2.0, 0.0), 4.0);
+        assert!(sigma(&u, 30.0) < 0.5);
+    }
+}
