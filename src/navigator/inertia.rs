@@ -111,7 +111,9 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
             let Some(moved) = core.estimator.believe_jump(window, jump) else { return };
             core.timeline.reset(&Reset::Relocated);
             core.published.stays(&moved.position_ned);
-            core.witnesses.forget();
+            // Of the barometer's word nothing is lost by that.
+            core.witnesses.heading.forget();
+            core.witnesses.gnss.forget();
         }
         JumpFinding::Hopeless => lose(core, now),
     }

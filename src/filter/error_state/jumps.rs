@@ -17,7 +17,7 @@
 use nalgebra::{SVector, Vector2};
 
 use super::covariance::{ErrorTransition, Phi, SparseRow};
-use super::tuning::{JUMP_SPACING_S, JUMP_STEP_S, JUMP_WINDOWS, OUTLIER_SIGMAS};
+use super::tuning::{IMPLAUSIBLE_SIGMAS, JUMP_SPACING_S, JUMP_STEP_S, JUMP_WINDOWS, OUTLIER_SIGMAS};
 use super::{BA, BG, BM, FLOW, P, SG, STATES, V, WIND};
 
 /// What may jump: gyro biases, accelerometer biases and gyro scales of the IMU's axes, and then the IMU's rivals: magnetometer bias x and y, flow
@@ -135,6 +135,11 @@ impl JumpWindow {
     /// What it shows of a jump; `None` where nothing was measured that would show it.
     pub fn fit(&self, jump: usize) -> Option<JumpFit> {
         self.all.fit(jump)
+    }
+
+    /// Whether a jump is so large that it is none that sensors of this kind make.
+    pub fn is_implausible(&self, jump: usize) -> bool {
+        self.fit(jump).is_some_and(|fit| fit.size.abs() > IMPLAUSIBLE_SIGMAS * PRIOR[jump])
     }
 
     /// The same without the flow's word.

@@ -17,3 +17,5 @@ pub(super) const JUMP_STEP_S: f64 = 0.1;
 pub(super) const JUMP_ONSET_PART: f64 = 0.5;
 /// In them an innovation counts for no more than so many sigmas.
 pub(super) const OUTLIER_SIGMAS: f64 = 5.0;
+/// Beyond so many of its sigmas what has happened is no jump.
+pub(super) const IMPLAUSIBLE_SIGMAS: f64 = 3.5;

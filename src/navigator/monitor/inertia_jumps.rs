@@ -41,7 +41,7 @@ pub(in super::super) enum JumpFinding {
     Suspected { window: usize, jump: usize, odds: f64 },
     /// It has.
     Found { window: usize, jump: usize },
-    /// It has again and again: no jump is what is wrong.
+    /// It has again and again, or is larger than any: no jump is what is wrong.
     Hopeless,
 }
 
@@ -118,7 +118,7 @@ impl InertiaJumps {
         // With GNSS there is time.
         let lasts_s = if aided { LASTS_AIDED_S } else { LASTS_S };
         if self.beyond.is_some_and(|t| now.seconds_since(t) >= lasts_s) {
-            return self.find(now, window, jump);
+            return self.find(now, window, jump, windows[window].is_implausible(jump));
         }
         JumpFinding::Suspected { window, jump, odds }
     }
@@ -162,11 +162,11 @@ impl InertiaJumps {
         self.learned >= LEARNED && windows.iter().filter(old).any(likely)
     }
 
-    fn find(&mut self, now: AutopilotTime, window: usize, jump: usize) -> JumpFinding {
+    fn find(&mut self, now: AutopilotTime, window: usize, jump: usize, implausible: bool) -> JumpFinding {
         let again = self.last.replace(now).is_some_and(|t| now.seconds_since(t) < REPEATED_S);
         self.found = if again { self.found + 1 } else { 1 };
         (self.quiet, self.beyond) = (None, None);
-        if self.found > REPEATED {
+        if self.found > REPEATED || implausible {
             self.found = 0;
             return JumpFinding::Hopeless;
         }
