@@ -48,8 +48,10 @@
 
 pub mod error_state;
 pub mod heading_bank;
+mod increments;
 mod jitter;
 
 pub use error_state::{AirModel, Eskf, EskfSettings, EskfState};
 pub use heading_bank::{BankVerdict, HeadingBank, HeadingBankSettings, HeadingEstimate};
+pub use increments::{LAGS, Lags, NoiseAndWalk};
 pub use jitter::Jitter;

@@ -5,7 +5,7 @@ use nalgebra::{Vector2, Vector3};
 use crate::altimeter::{Channel, HeightVerdict};
 use crate::geo::Geodetic;
 use crate::sample::{
-    AirspeedSample, FlowSample, GnssSample, LandmarkSample, MagSample, PressureSample, RangeSample,
+    Airframe, AirspeedSample, FlowSample, GnssSample, LandmarkSample, MagSample, PressureSample, RangeSample,
 };
 use crate::time::AutopilotTime;
 
@@ -248,7 +248,14 @@ impl Navigator {
     fn take_fix(&mut self, now: AutopilotTime, reading: &FixReading) {
         let facts = self.sources.facts(&self.core);
         let sigma = reading.sigma();
+        let context = Context { core: &self.core, facts };
+        // Rotors shake all the time; what a wing's accelerometers are off by comes with its manoeuvres, and is noise of those.
+        let shaken = context.core.vehicle.is(Airframe::Multirotor);
+        let accel_density = self.sources.gnss.weigh_inertia(reading, &context);
         let core = &mut self.core;
+        if shaken {
+            core.estimator.believe_inertia(accel_density);
+        }
         core.estimator.observer_mut().apply(&reading.innovation);
         if let Some(v) = &reading.velocity_ne {
             core.estimator.weigh_headings(now, reading.measured, v, sigma[1], &facts);

@@ -371,9 +371,19 @@ impl Eskf {
         })
     }
 
-    /// Noise density of the gyros from now on, rad/s/√Hz.
-    pub fn set_gyro_noise(&mut self, density: f64) {
-        self.settings.gyro_noise = density;
+    /// Noise densities of gyros and accelerometers from now on, rad/s/√Hz and m/s²/√Hz.
+    pub fn set_imu_noise(&mut self, gyro: f64, accel: f64) {
+        (self.settings.gyro_noise, self.settings.accel_noise) = (gyro, accel);
+    }
+
+    /// Random walk of the magnetometer's bias from now on, T/√s.
+    pub fn set_magnetic_walk(&mut self, walk: f64) {
+        self.settings.magnetic_bias_walk = walk;
+    }
+
+    /// Standard deviation of the magnetometer's bias, the mean of its axes, T.
+    pub fn magnetic_bias_sigma(&self) -> f64 {
+        (self.p.fixed_view::<3, 3>(BM, BM).trace().max(0.0) / 3.0).sqrt() / MICRO
     }
 
     /// The covariance follows the motion in steps of so many seconds: longer ones cost less, and are of second order in the rotation within.

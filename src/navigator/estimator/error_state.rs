@@ -4,7 +4,6 @@
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
-use crate::filter::Jitter;
 use crate::filter::error_state::{
     AirModel, Correction, Eskf, EskfMemory, EskfSettings, EskfState, Lag, SeenFlow, StartSigma,
 };
@@ -75,8 +74,8 @@ impl StartPoint<'_> {
 #[derive(Clone, Debug)]
 pub(in super::super) struct ErrorStateStage {
     filter: Eskf,
-    /// Of gyros that do not shake, rad/s/√Hz.
-    configured_gyro_noise: f64,
+    /// As configured: of an IMU that does not shake.
+    configured: EskfSettings,
     magnetic_due: AutopilotTime,
     height_due: AutopilotTime,
     /// How often magnetometer and height are fused, s.
@@ -151,7 +150,7 @@ impl ErrorStateStage {
         filter.watch_for_jumps(true);
         Some(Self {
             filter,
-            configured_gyro_noise: settings.gyro_noise,
+            configured: settings,
             magnetic_due: now,
             height_due: now,
             periods_s: [MAGNETIC_PERIOD_S, HEIGHT_PERIOD_S],
@@ -169,10 +168,9 @@ impl ErrorStateStage {
         let (settings, _) = filter_settings(settings);
         let mut filter = memory.filter(settings)?;
         filter.watch_for_jumps(true);
-        let configured_gyro_noise = settings.gyro_noise;
         Some(Self {
             filter,
-            configured_gyro_noise,
+            configured: settings,
             magnetic_due: now,
             height_due: now,
             periods_s: [MAGNETIC_PERIOD_S, HEIGHT_PERIOD_S],
@@ -234,10 +232,11 @@ impl ErrorStateStage {
         Some((Vector3::new(moved.x, moved.y, 0.0), after.velocity_ned - before.velocity_ned))
     }
 
-    /// The gyros shake so much: what is white in their samples is noise, and never less than configured. (Not so for the accelerometers: air
-    /// is rough, and what it does to the specific force is motion, measured as such.)
-    pub(super) fn feel_vibration(&mut self, jitter: &Jitter) {
-        self.filter.set_gyro_noise(self.configured_gyro_noise.max(jitter.gyro_density()));
+    /// The gyros shake so much, rad/s/√Hz: what is white in their samples is noise, and never less than configured. Not so for the accelerometers: air
+    /// is rough, and what it does to the specific force is motion, measured as such; theirs is what GNSS has shown, m/s²/√Hz.
+    pub(super) fn feel_vibration(&mut self, gyro_density: f64, accel_density: f64) {
+        let EskfSettings { gyro_noise, accel_noise, .. } = self.configured;
+        self.filter.set_imu_noise(gyro_noise.max(gyro_density), accel_noise.max(accel_density));
     }
 
     /// One IMU sample, and the height when it is due. `None` when the estimate is not finite any more.
@@ -322,7 +321,10 @@ impl ErrorStateStage {
         fused: &mut Fused,
     ) {
         match observation {
-            Observation::Magnetic { field_body, field_ned, sigma_t } => {
+            Observation::Magnetic { field_body, field_ned, sigma_t, walk_t } => {
+                if self.configured.magnetic_bias_sigma > 0.0 {
+                    self.filter.set_magnetic_walk(*walk_t);
+                }
                 self.fuse_field(now, field_body, field_ned, *sigma_t, fused);
             }
             Observation::Fix { measured, position_error, velocity_error, sigma } => {
@@ -384,7 +386,9 @@ impl ErrorStateStage {
             return;
         }
         self.magnetic_due = now + Span::from_seconds(self.periods_s[0]);
-        if self.yaw_sigma() > WIDE_YAW && self.head(field_body, field_ned, sigma_t) {
+        if self.yaw_sigma() > WIDE_YAW
+            && self.head(field_body, field_ned, sigma_t.hypot(self.filter.magnetic_bias_sigma()))
+        {
             return;
         }
         let result = self.filter.fuse_magnetic(field_body, field_ned, sigma_t);

@@ -63,8 +63,9 @@ pub(super) struct EstimatorStack {
     observer: ObserverStage,
     stage: Stage,
     heading: HeadingSearch,
-    /// How much the IMU shakes.
+    /// How much the IMU shakes, and how noisy the accelerometers are beside GNSS, m/s²/√Hz.
     jitter: Jitter,
+    accel_density: f64,
     /// After a long hole, until the attitude is found again.
     settling: Option<Settling>,
     /// Without inertia, for this long, s.
@@ -89,6 +90,7 @@ impl EstimatorStack {
             stage,
             heading: HeadingSearch::default(),
             jitter: Jitter::default(),
+            accel_density: 0.0,
             settling: None,
             coasted_s: None,
             shadows: Shadows::new(),
@@ -132,11 +134,6 @@ impl EstimatorStack {
         if let Some(stage) = self.error_state_mut() {
             stage.filter_mut().set_flow_scale(scale, sigma);
         }
-    }
-
-    /// How well the error-state filter knows the rotor drag, 1/s.
-    pub(super) fn drag_sigma(&self) -> Option<f64> {
-        self.error_state().map(|s| s.filter().drag_sigma())
     }
 
     /// How far a specific force is from what the drag should make it, body x and y, m/s², and the variance of that by what the filter does not know.
@@ -200,7 +197,7 @@ impl EstimatorStack {
         let (rate, force) = (s.angular_rate.raw(), s.specific_force.raw());
         self.jitter.add(dt, &rate, &force, input.settings.imu.instantaneous);
         if let Stage::ErrorState(Some(stage)) = &mut self.stage {
-            stage.feel_vibration(&self.jitter);
+            stage.feel_vibration(self.jitter.gyro_density(), self.accel_density);
         }
         let report = self.observer.step(s, dt, input)?;
         let observed = *self.observer.state()?;

@@ -28,6 +28,21 @@ impl EstimatorStack {
         }
     }
 
+    /// How well the error-state filter knows the rotor drag, 1/s.
+    pub(in super::super) fn drag_sigma(&self) -> Option<f64> {
+        self.error_state().map(|s| s.filter().drag_sigma())
+    }
+
+    /// How noisy the gyros are, rad/s/√Hz, as their samples show.
+    pub(in super::super) fn gyro_density(&self) -> f64 {
+        self.jitter.gyro_density()
+    }
+
+    /// GNSS has shown the accelerometers to be so noisy, m/s²/√Hz.
+    pub(in super::super) fn believe_inertia(&mut self, accel_density: f64) {
+        self.accel_density = accel_density;
+    }
+
     /// GNSS is lost: what the covariance grows by from now on is counted by what carries.
     pub(in super::super) fn hold_over(&mut self) {
         if let Stage::ErrorState(Some(stage)) = &self.stage {

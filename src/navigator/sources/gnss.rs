@@ -17,6 +17,7 @@ use super::super::reset::Reset;
 use super::super::settings::GnssSettings;
 use super::super::solution::VelocitySource;
 use super::super::timeline::CORRECTED_S;
+use super::inertial_noise::InertialNoise;
 use super::latency::LatencyEstimator;
 use crate::navigator::tuning::gnss::{
     AGREE_DECADES, AGREE_EVERY_S, AGREE_FIRM, AGREE_FOR_S, AGREE_M, AGREE_MEMORY, AGREE_SIGMA, CLAIM_GAIN,
@@ -41,6 +42,7 @@ pub(in super::super) struct GnssSource {
     receiver: u8,
     heard: Option<AutopilotTime>,
     pub(in super::super) latency: LatencyEstimator,
+    inertia: InertialNoise,
     /// Horizontal standard deviation as the receiver claims it of late, m.
     sigma_m: f64,
     /// How far the flow says that it has travelled.
@@ -98,11 +100,12 @@ impl FixReading {
 }
 
 impl GnssSource {
-    pub(super) fn new(settings: &GnssSettings) -> Self {
+    pub(super) fn new(settings: &GnssSettings, accel_noise: f64) -> Self {
         Self {
             receiver: 0,
             heard: None,
             latency: LatencyEstimator::new(settings.delay_s, settings.delay_sigma_s),
+            inertia: InertialNoise::new(accel_noise),
             sigma_m: settings.default_accuracy_m,
             travel: FlowTravel::new(),
             witness: GnssByFlow::new(),
@@ -143,6 +146,7 @@ impl GnssSource {
     pub(in super::super) fn use_receiver(&mut self, receiver: u8) {
         self.receiver = receiver;
         self.latency.interrupt();
+        self.inertia.interrupt();
         self.witness.acquit();
         self.steps.forget();
         self.error = None;
@@ -239,6 +243,17 @@ impl GnssSource {
         self.error = Some((reading.measured, reading.position_error));
     }
 
+    /// A fix that is navigated on. How noisy accelerometers are beside it, m/s²/√Hz.
+    pub(in super::super) fn weigh_inertia(&mut self, reading: &FixReading, context: &Context<'_>) -> f64 {
+        let timeline = &context.core.timeline;
+        let impulse = timeline.impulse(reading.measured).map(|i| (i.xy(), timeline.epoch()));
+        match &reading.velocity_ne {
+            Some(v) => self.inertia.observe(reading.stamp, v, impulse),
+            None => self.inertia.interrupt(),
+        }
+        self.inertia.density()
+    }
+
     /// What was learned of the receiver.
     pub(in super::super) fn memory(&self) -> ReceiverMemory {
         ReceiverMemory {
@@ -261,6 +276,7 @@ impl GnssSource {
     pub(super) fn reset(&mut self, reset: &Reset) {
         if reset.breaks_motion() || *reset == Reset::Bridged {
             self.latency.interrupt();
+            self.inertia.interrupt();
         }
         self.spare.reset(reset);
         self.witness.interrupt();

@@ -14,6 +14,7 @@ use super::super::solution::Mode;
 use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
 use super::compass_step::{ComparedField, StepWatch};
+use super::magnetic_noise::MagneticNoise;
 use super::status::SourceHealth;
 use crate::navigator::tuning::compass_step::KNOWN_YAW;
 use crate::navigator::tuning::every_source::LATE_S;
@@ -32,7 +33,7 @@ struct SameField {
 }
 
 /// See the module's documentation.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(in super::super) struct MagnetometerSource {
     newest: Option<(AutopilotTime, Vector3<f64>)>,
     /// The newest of any strength and direction, body, T.
@@ -47,9 +48,25 @@ pub(in super::super) struct MagnetometerSource {
     steps: StepWatch,
     /// … and since when it has agreed with the heading again.
     agrees_since: Option<AutopilotTime>,
+    noise: MagneticNoise,
 }
 
 impl MagnetometerSource {
+    /// Noise of a sample, T, and walk of its bias, T/√s, as configured.
+    pub(super) fn new(sigma_t: f64, walk_t: f64) -> Self {
+        Self {
+            newest: None,
+            heard: None,
+            same: None,
+            dip: (0.0, 0.0),
+            dip_heard: None,
+            contradicted: None,
+            steps: StepWatch::default(),
+            agrees_since: None,
+            noise: MagneticNoise::expecting(sigma_t, walk_t),
+        }
+    }
+
     /// The newest field, body, T.
     pub(super) fn newest(&self) -> Option<(AutopilotTime, Vector3<f64>)> {
         self.newest
@@ -79,6 +96,7 @@ impl MagnetometerSource {
             return Err(Reason::OutOfOrder);
         }
         self.heard = Some(s.field.raw()).filter(|_| norm > 0.0);
+        self.learn_noise(s, context);
         let field_ned = context
             .core
             .surroundings
@@ -104,7 +122,25 @@ impl MagnetometerSource {
             return Err(Reason::ContradictsMotion);
         }
         self.newest = Some((s.time, s.field.raw()));
-        Ok(Observation::Magnetic { field_body: s.field.raw(), field_ned, sigma_t: settings.sigma_t })
+        // What the world's model and the mounting are off by is no noise, and no sample tells it.
+        let (noise_t, walk_t) = self.noise.sigma();
+        let sigma_t = noise_t.max(settings.sigma_t);
+        Ok(Observation::Magnetic { field_body: s.field.raw(), field_ned, sigma_t, walk_t })
+    }
+
+    /// Whatever its strength is: what is far off tells how far off the rest may be.
+    fn learn_noise(&mut self, s: &MagSample, context: &Context<'_>) {
+        if self.noise.is_due(s.time) {
+            let core = context.core;
+            let bias = core.estimator.filter_state().map_or(Vector3::zeros(), |state| state.magnetic_bias);
+            let field = s.field.raw() - bias;
+            self.noise.observe(
+                s.time,
+                &field,
+                |since| core.timeline.mean_rate(since, s.time),
+                core.estimator.gyro_density(),
+            );
+        }
     }
 
     /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.
@@ -223,6 +259,7 @@ impl MagnetometerSource {
             self.contradicted = None;
             self.steps.forget();
             self.dip = (0.0, 0.0);
+            self.noise.interrupt();
         }
         if reset.sets_clock_back() {
             self.same = None;

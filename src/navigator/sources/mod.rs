@@ -12,8 +12,10 @@ pub mod drag;
 pub(super) mod flow;
 mod following;
 pub(super) mod gnss;
+mod inertial_noise;
 pub mod landmarks;
 mod latency;
+mod magnetic_noise;
 pub(super) mod magnetometer;
 mod rangefinder;
 pub(super) mod rangefinders;
@@ -53,8 +55,11 @@ pub(super) struct SourceSet {
 impl SourceSet {
     pub(super) fn new(settings: &NavigatorSettings) -> Self {
         Self {
-            gnss: gnss::GnssSource::new(&settings.gnss),
-            magnetometer: magnetometer::MagnetometerSource::default(),
+            gnss: gnss::GnssSource::new(&settings.gnss, settings.kalman.accel_noise),
+            magnetometer: magnetometer::MagnetometerSource::new(
+                settings.magnetometer.sigma_t,
+                settings.kalman.magnetic_bias_walk,
+            ),
             barometer: barometer::BarometerSource::default(),
             rangefinders: rangefinders::Rangefinders::default(),
             flow: flow::FlowSource::new(),

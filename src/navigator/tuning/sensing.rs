@@ -230,6 +230,33 @@ pub(in crate::navigator) mod gnss {
     pub(in crate::navigator) const CLAIM_GAIN: f64 = 0.1;
 }
 
+/// Noise of accelerometers beside GNSS.
+pub(in crate::navigator) mod inertial_noise {
+    /// Velocities are compared from fix to fix and over this long, s: a filter with GNSS remembers its velocity no longer.
+    pub(in crate::navigator) const LAGS_S: [f64; 2] = [0.5, 2.0];
+    /// What was seen fades within this, s.
+    pub(in crate::navigator) const MEMORY_S: f64 = 30.0;
+    /// Noise of a receiver's velocity before any was seen, m/s.
+    pub(in crate::navigator) const RECEIVER_MPS: f64 = 0.1;
+    /// Accelerometers are never taken to be worse than this, m/s²/√Hz.
+    pub(in crate::navigator) const MOST_ACCEL: f64 = 3.0;
+    /// So much motion, (m/s)², is needed before it says half of a turn of the heading.
+    pub(in crate::navigator) const UNTURNED: f64 = 0.25;
+}
+
+/// Noise of magnetometers.
+pub(in crate::navigator) mod magnetic_noise {
+    /// Fields this far apart are compared, s, and over this long, s: currents follow the throttle, and gyros hold a heading well for longer.
+    pub(in crate::navigator) const SPACING_S: f64 = 0.09;
+    pub(in crate::navigator) const LAGS_S: [f64; 2] = [2.0, 10.0];
+    /// What was seen fades within this, s.
+    pub(in crate::navigator) const MEMORY_S: f64 = 120.0;
+    /// No magnetometer is believed better than this, T: what such sensors resolve. Its bias walks by at least and at most this, T/√s.
+    pub(in crate::navigator) const LEAST_T: f64 = 0.2e-6;
+    pub(in crate::navigator) const LEAST_WALK: f64 = 0.02e-6;
+    pub(in crate::navigator) const MOST_WALK: f64 = 20e-6;
+}
+
 /// Landmarks.
 pub(in crate::navigator) mod landmarks {
     /// The filter is carried on in steps of this, s: at fast streams several samples at once.
