@@ -137,7 +137,11 @@ impl MagnetometerSource {
             self.noise.observe(
                 s.time,
                 &field,
-                |since| core.timeline.mean_rate(since, s.time),
+                // A field may come before the IMU's sample of its time: the rate of just before it is as good.
+                |since| {
+                    let newest = core.stream.newest()?;
+                    core.timeline.mean_rate(since.min(newest), s.time.min(newest))
+                },
                 core.estimator.gyro_density(),
             );
         }
