@@ -185,6 +185,31 @@ impl Phi {
         let ([a, b, c], [d, e, f], [g, h, i]) = (turned.into(), position.into(), faster.into());
         [a, b, c, d, e, f, g, h, i]
     }
+
+    /// The same of N vectors side by side, a row a state, in single precision.
+    pub(super) fn times_side_by_side<const N: usize>(&self, x: &[[f32; N]; STATES]) -> [[f32; N]; 9] {
+        let mut out = [[0.0f32; N]; 9];
+        let mut add = |to: usize, by: f64, from: usize| {
+            let by = by as f32;
+            for (out, x) in out[to].iter_mut().zip(&x[from]) {
+                *out += by * x;
+            }
+        };
+        for i in 0..3 {
+            for j in 0..3 {
+                add(THETA + i, self.turn_t[(i, j)], THETA + j);
+                add(THETA + i, -self.by_bias[(i, j)], BG + j);
+                add(THETA + i, -self.by_scale[(i, j)], SG + j);
+                add(P + i, -0.5 * self.dt * self.tilt[(i, j)], THETA + j);
+                add(V + i, -self.tilt[(i, j)], THETA + j);
+                add(V + i, -self.rotation[(i, j)], BA + j);
+            }
+            add(P + i, 1.0, P + i);
+            add(P + i, self.dt, V + i);
+            add(V + i, 1.0, V + i);
+        }
+        out
+    }
 }
 
 /// ∂z/∂x of a scalar measurement: its entries that are not zero.

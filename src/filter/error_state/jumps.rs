@@ -78,12 +78,13 @@ impl JumpSums {
     const NONE: Self = Self { information: [0.0; JUMPS], evidence: [0.0; JUMPS], square: 0.0, scalars: 0.0 };
 
     fn add(&mut self, r: &[f32; JUMPS], innovation: f64, s: f64) {
-        self.square += innovation * innovation / s;
+        let (by_variance, weighed) = (1.0 / s, innovation / s);
+        self.square += innovation * weighed;
         self.scalars += 1.0;
         for ((r, c), d) in r.iter().zip(&mut self.information).zip(&mut self.evidence) {
             let r = f64::from(*r);
-            *c += r * r / s;
-            *d += r * innovation / s;
+            *c += r * r * by_variance;
+            *d += r * weighed;
         }
     }
 
@@ -162,11 +163,9 @@ impl JumpWindow {
     fn propagate(&mut self, by: &ErrorTransition, phi: &Phi) {
         self.age_s += by.dt;
         self.turned_squared += by.rate_squared();
-        for jump in 0..JUMPS {
-            let moved = phi.times(|i| f64::from(self.effect[i][jump]));
-            for (row, value) in self.effect.iter_mut().zip(moved) {
-                row[jump] = value as f32;
-            }
+        let moved = phi.times_side_by_side(&self.effect);
+        for (row, moved) in self.effect.iter_mut().zip(moved) {
+            *row = moved;
         }
     }
 

@@ -288,3 +288,23 @@ fn standing_still_shows_the_gyro_bias() {
     assert!((f.state().gyro_bias - bias).amax() < 1e-3, "{}", f.state().gyro_bias);
     assert!(f.state().velocity_ned.norm() < 0.02);
 }
+
+#[test]
+fn vectors_side_by_side_move_as_each_by_itself() {
+    let r = exp(&Vector3::new(0.3, -0.2, 1.1));
+    let mut transition = super::covariance::ErrorTransition::new(r);
+    let (turn, rate) = (exp(&Vector3::new(0.002, -0.001, 0.004)), Vector3::new(0.2, -0.1, 0.4));
+    for _ in 0..10 {
+        transition.add(0.01, &turn, &r, &Vector3::new(0.4, -0.3, -9.7), &rate, 0.6);
+    }
+    let phi = transition.phi();
+    let x: [[f32; 3]; STATES] =
+        std::array::from_fn(|i| std::array::from_fn(|n| ((7 * i + 3 * n) % 11) as f32 - 5.0));
+    let together = phi.times_side_by_side(&x);
+    for n in 0..3 {
+        let alone = phi.times(|i| f64::from(x[i][n]));
+        for (i, alone) in alone.into_iter().enumerate() {
+            assert!((f64::from(together[i][n]) - alone).abs() < 1e-4, "{n} {i}: {} {alone}", together[i][n]);
+        }
+    }
+}
