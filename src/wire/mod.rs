@@ -13,6 +13,7 @@ pub mod frame_bytes;
 pub mod gnss_integrity;
 pub mod link;
 pub mod messages;
+pub mod read_ahead;
 pub mod session;
 pub mod tlog;
 pub mod tlog_writer;

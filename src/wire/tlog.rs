@@ -9,6 +9,7 @@ use std::io::{self, Read};
 
 use super::counters::{Cause, Counters};
 use super::frame::{Candidate, Frame, MAX_FRAME_LEN, candidate};
+use super::read_ahead::ReadAhead;
 
 /// Bytes of the stamp in front of every frame.
 const STAMP_LEN: usize = 8;
@@ -27,13 +28,8 @@ pub struct Record<'a> {
 
 /// Reads the records of a log from any byte source.
 pub struct TlogReader<R> {
-    source: R,
+    window: ReadAhead<R>,
     stamp_len: usize,
-    buffer: Vec<u8>,
-    start: usize,
-    end: usize,
-    at_end: bool,
-    position: u64,
     truncated: bool,
     counters: Counters,
 }
@@ -56,13 +52,8 @@ impl<R: Read> TlogReader<R> {
 
     fn with_stamps(source: R, stamp_len: usize) -> Self {
         Self {
-            source,
+            window: ReadAhead::new(source, BUFFER_LEN, LOOK_AHEAD),
             stamp_len,
-            buffer: vec![0; BUFFER_LEN],
-            start: 0,
-            end: 0,
-            at_end: false,
-            position: 0,
             truncated: false,
             counters: Counters::default(),
         }
@@ -73,8 +64,8 @@ impl<R: Read> TlogReader<R> {
     /// # Errors
     /// Only what the source's `read` returns; damaged bytes are counted, not errors.
     pub fn next_record(&mut self) -> io::Result<Option<Record<'_>>> {
-        let Some((from, len)) = self.find_record()? else { return Ok(None) };
-        let (stamp, rest) = self.buffer[from..from + len].split_at(self.stamp_len);
+        let Some(len) = self.find_record()? else { return Ok(None) };
+        let (stamp, rest) = self.window.passed(len).split_at(self.stamp_len);
         let written_us = stamp.iter().fold(0, |us, &b| us << 8 | u64::from(b));
         match candidate(rest) {
             Candidate::Frame(frame) => Ok(Some(Record { written_us, frame })),
@@ -82,30 +73,29 @@ impl<R: Read> TlogReader<R> {
         }
     }
 
-    /// Where in the buffer the next record stands, and its length.
-    fn find_record(&mut self) -> io::Result<Option<(usize, usize)>> {
+    /// Passes the next record; its length.
+    fn find_record(&mut self) -> io::Result<Option<usize>> {
         loop {
-            self.fill()?;
-            if self.start == self.end {
+            self.window.fill()?;
+            if self.window.bytes().is_empty() {
                 return Ok(None);
             }
-            match step(&self.buffer[self.start..self.end], self.stamp_len, self.at_end) {
+            match step(self.window.bytes(), self.stamp_len, self.window.at_end()) {
                 RecordStep::Record { len, known } => {
-                    let from = self.start;
-                    self.advance(len);
+                    self.window.advance(len);
                     self.counters.frames += 1;
                     if !known {
                         self.counters.count(Cause::UnknownId);
                     }
-                    return Ok(Some((from, len)));
+                    return Ok(Some(len));
                 }
                 RecordStep::Skip { skip, count } => {
                     match count {
                         Some(cause) => self.counters.count(cause),
                         None => self.counters.add(Cause::Garbage, skip as u64),
                     }
-                    self.truncated = self.at_end && self.start + skip == self.end;
-                    self.advance(skip);
+                    self.truncated = self.window.at_end() && skip == self.window.bytes().len();
+                    self.window.advance(skip);
                 }
             }
         }
@@ -118,38 +108,12 @@ impl<R: Read> TlogReader<R> {
 
     /// Bytes consumed so far, for a progress bar.
     pub fn position(&self) -> u64 {
-        self.position
+        self.window.position()
     }
 
     /// Whether the log ended in the middle of a record.
     pub fn truncated(&self) -> bool {
         self.truncated
-    }
-
-    fn advance(&mut self, n: usize) {
-        self.start += n;
-        self.position += n as u64;
-    }
-
-    fn fill(&mut self) -> io::Result<()> {
-        if self.at_end || self.end - self.start >= LOOK_AHEAD {
-            return Ok(());
-        }
-        self.buffer.copy_within(self.start..self.end, 0);
-        self.end -= self.start;
-        self.start = 0;
-        while self.end < self.buffer.len() {
-            match self.source.read(&mut self.buffer[self.end..]) {
-                Ok(0) => {
-                    self.at_end = true;
-                    break;
-                }
-                Ok(n) => self.end += n,
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
-            }
-        }
-        Ok(())
     }
 }
 

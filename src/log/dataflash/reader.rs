@@ -8,6 +8,8 @@
 
 use std::io::{self, Read};
 
+use crate::wire::read_ahead::ReadAhead;
+
 use super::super::format::{DATAFLASH_FMT, DATAFLASH_HEAD};
 use super::super::row::{FieldSlot, Storage};
 
@@ -40,11 +42,7 @@ impl Described {
 
 /// Reads the messages of a log from any byte source.
 pub(super) struct DataFlashReader<R> {
-    source: R,
-    buffer: Vec<u8>,
-    start: usize,
-    end: usize,
-    at_end: bool,
+    window: ReadAhead<R>,
     lengths: [Option<u8>; 256],
     pub(super) garbage: u64,
     pub(super) truncated: bool,
@@ -55,16 +53,7 @@ impl<R: Read> DataFlashReader<R> {
     pub(super) fn new(source: R) -> Self {
         let mut lengths = [None; 256];
         lengths[usize::from(DATAFLASH_FMT)] = Some(FMT as u8);
-        Self {
-            source,
-            buffer: vec![0; BUFFER],
-            start: 0,
-            end: 0,
-            at_end: false,
-            lengths,
-            garbage: 0,
-            truncated: false,
-        }
+        Self { window: ReadAhead::new(source, BUFFER, LOOK_AHEAD), lengths, garbage: 0, truncated: false }
     }
 
     /// The next message's type and what follows its header, or `None` at the end of the log.
@@ -73,26 +62,26 @@ impl<R: Read> DataFlashReader<R> {
     /// Only what the source's `read` returns; damaged bytes are counted, not errors.
     pub(super) fn next_message(&mut self) -> io::Result<Option<(u8, &[u8])>> {
         loop {
-            self.fill()?;
-            let bytes = &self.buffer[self.start..self.end];
+            self.window.fill()?;
+            let bytes = self.window.bytes();
             if bytes.is_empty() {
                 return Ok(None);
             }
             match self.message(bytes) {
                 Some(len) if len <= bytes.len() => {
-                    let from = self.start;
-                    self.start += len;
-                    let message = &self.buffer[from..from + len];
+                    self.window.advance(len);
+                    let message = self.window.passed(len);
                     return Ok(Some((message[2], &message[HEADER..])));
                 }
                 found => {
                     // Only the end of the file leaves a message without its end.
                     self.truncated = found.is_some() || bytes.len() < HEADER;
                     let next = bytes.windows(2).skip(1).position(|w| w == DATAFLASH_HEAD).map(|i| i + 1);
-                    let n = next.unwrap_or_else(|| if self.at_end { bytes.len() } else { bytes.len() - 1 });
+                    let n = next
+                        .unwrap_or_else(|| if self.window.at_end() { bytes.len() } else { bytes.len() - 1 });
                     self.truncated &= n == bytes.len();
                     self.garbage += n as u64;
-                    self.start += n;
+                    self.window.advance(n);
                 }
             }
         }
@@ -103,8 +92,8 @@ impl<R: Read> DataFlashReader<R> {
         let kind = bytes.starts_with(&DATAFLASH_HEAD).then(|| bytes.get(2))??;
         let len = usize::from(self.lengths[usize::from(*kind)]?);
         match bytes.get(len..) {
-            Some([]) | None => self.at_end.then_some(len),
-            Some([a]) => (*a == DATAFLASH_HEAD[0] || self.at_end).then_some(len),
+            Some([]) | None => self.window.at_end().then_some(len),
+            Some([a]) => (*a == DATAFLASH_HEAD[0] || self.window.at_end()).then_some(len),
             Some([a, b, ..]) if [*a, *b] == DATAFLASH_HEAD => Some(len),
             // A description proves itself; without it all messages of its type are lost.
             Some(_) => (*kind == DATAFLASH_FMT && described(&bytes[HEADER..len]).is_some()).then_some(len),
@@ -114,27 +103,6 @@ impl<R: Read> DataFlashReader<R> {
     /// Messages of this type are so long from now on.
     pub(super) fn expect(&mut self, kind: u8, described: &Described) {
         self.lengths[usize::from(kind)] = u8::try_from(described.len).ok();
-    }
-
-    fn fill(&mut self) -> io::Result<()> {
-        if self.at_end || self.end - self.start >= LOOK_AHEAD {
-            return Ok(());
-        }
-        self.buffer.copy_within(self.start..self.end, 0);
-        self.end -= self.start;
-        self.start = 0;
-        while self.end < self.buffer.len() {
-            match self.source.read(&mut self.buffer[self.end..]) {
-                Ok(0) => {
-                    self.at_end = true;
-                    break;
-                }
-                Ok(n) => self.end += n,
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
-            }
-        }
-        Ok(())
     }
 }
 

@@ -9,6 +9,8 @@
 
 use std::io::{self, Read};
 
+use crate::wire::read_ahead::ReadAhead;
+
 use super::super::format::ULOG_MAGIC;
 
 /// Magic, version, and when logging began, microseconds since boot.
@@ -46,12 +48,7 @@ pub(super) struct UlogMessage<'a> {
 
 /// Reads the messages of a log from any byte source.
 pub(super) struct UlogReader<R> {
-    source: R,
-    buffer: Vec<u8>,
-    start: usize,
-    end: usize,
-    at_end: bool,
-    position: u64,
+    window: ReadAhead<R>,
     /// Shortest and longest data message by the number of its subscription.
     lengths: Vec<Option<(u16, u16)>>,
     /// Where appended data begins: no message reaches across.
@@ -65,23 +62,18 @@ impl<R: Read> UlogReader<R> {
     /// A reader over `source`, which need not be buffered, and when logging began, microseconds since boot.
     pub(super) fn new(source: R) -> io::Result<(Self, u64)> {
         let mut reader = Self {
-            source,
-            buffer: vec![0; BUFFER],
-            start: 0,
-            end: 0,
-            at_end: false,
-            position: 0,
+            window: ReadAhead::new(source, BUFFER, LOOK_AHEAD),
             lengths: Vec::new(),
             borders: Vec::new(),
             lost: false,
             garbage: 0,
             truncated: false,
         };
-        reader.fill()?;
-        let head = &reader.buffer[..reader.end.min(FILE_HEADER)];
+        reader.window.fill()?;
+        let head = &reader.window.bytes()[..reader.window.bytes().len().min(FILE_HEADER)];
         let began = head.get(8..FILE_HEADER).and_then(|b| b.first_chunk()).map(|b| u64::from_le_bytes(*b));
         if head.starts_with(ULOG_MAGIC) && began.is_some() {
-            reader.advance(FILE_HEADER);
+            reader.window.advance(FILE_HEADER);
         }
         Ok((reader, began.unwrap_or_default()))
     }
@@ -97,7 +89,7 @@ impl<R: Read> UlogReader<R> {
 
     /// Data was appended at this byte of the file, after what was being written broke off.
     pub(super) fn appended_at(&mut self, offset: u64) {
-        if offset > self.position {
+        if offset > self.window.position() {
             self.borders.push(offset);
         }
     }
@@ -108,8 +100,8 @@ impl<R: Read> UlogReader<R> {
     /// Only what the source's `read` returns; damaged bytes are counted, not errors.
     pub(super) fn next_message(&mut self) -> io::Result<Option<UlogMessage<'_>>> {
         loop {
-            self.fill()?;
-            let bytes = &self.buffer[self.start..self.end];
+            self.window.fill()?;
+            let bytes = self.window.bytes();
             if bytes.is_empty() {
                 return Ok(None);
             }
@@ -120,9 +112,8 @@ impl<R: Read> UlogReader<R> {
                 }
                 self.lost = false;
                 self.truncated = false;
-                let from = self.start;
-                self.advance(len);
-                let message = &self.buffer[from..from + len];
+                self.window.advance(len);
+                let message = self.window.passed(len);
                 return Ok(Some(UlogMessage { kind: message[2], payload: &message[HEADER..] }));
             }
             self.skip();
@@ -131,15 +122,16 @@ impl<R: Read> UlogReader<R> {
 
     /// Bytes that are no message: on to the next that may begin one.
     fn skip(&mut self) {
-        let bytes = &self.buffer[self.start..self.end];
+        let bytes = self.window.bytes();
         // The end of the file may have cut a message off: then no other is found behind it.
-        self.truncated |= self.at_end && !self.lost && self.is_cut_off(bytes);
+        self.truncated |= self.window.at_end() && !self.lost && self.is_cut_off(bytes);
         let to_next = bytes[1..].windows(HEADER).position(|w| header(w).is_some());
-        let rest = if self.at_end { bytes.len() } else { bytes.len().saturating_sub(HEADER - 1).max(1) };
+        let rest =
+            if self.window.at_end() { bytes.len() } else { bytes.len().saturating_sub(HEADER - 1).max(1) };
         let n = to_next.map_or(rest, |i| i + 1);
         self.lost = true;
         self.garbage += n as u64;
-        self.advance(n);
+        self.window.advance(n);
     }
 
     /// Whether these last bytes may be the beginning of a message.
@@ -150,11 +142,11 @@ impl<R: Read> UlogReader<R> {
 
     /// A message that would reach across the border of appended data was cut off by it.
     fn crosses_a_border(&mut self, len: usize) -> bool {
-        let (from, to) = (self.position, self.position + len as u64);
+        let (from, to) = (self.window.position(), self.window.position() + len as u64);
         let Some(&border) = self.borders.iter().find(|b| (from + 1..to).contains(b)) else { return false };
         let cut = (border - from) as usize;
         self.garbage += cut as u64;
-        self.advance(cut);
+        self.window.advance(cut);
         true
     }
 
@@ -176,7 +168,7 @@ impl<R: Read> UlogReader<R> {
             }
             at += header(rest).filter(|_| believed(rest).is_some())?;
             if at > bytes.len() {
-                if searching && self.at_end {
+                if searching && self.window.at_end() {
                     return None;
                 }
                 break;
@@ -198,32 +190,6 @@ impl<R: Read> UlogReader<R> {
             Some((shortest, longest)) => (shortest..=longest).contains(&size).then_some(true),
             None => Some(false),
         }
-    }
-
-    fn advance(&mut self, n: usize) {
-        self.start += n;
-        self.position += n as u64;
-    }
-
-    fn fill(&mut self) -> io::Result<()> {
-        if self.at_end || self.end - self.start >= LOOK_AHEAD {
-            return Ok(());
-        }
-        self.buffer.copy_within(self.start..self.end, 0);
-        self.end -= self.start;
-        self.start = 0;
-        while self.end < self.buffer.len() {
-            match self.source.read(&mut self.buffer[self.end..]) {
-                Ok(0) => {
-                    self.at_end = true;
-                    break;
-                }
-                Ok(n) => self.end += n,
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
-            }
-        }
-        Ok(())
     }
 }
 
