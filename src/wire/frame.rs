@@ -1,7 +1,7 @@
 //! MAVLink 1 and 2 frames in a buffer of bytes: finds them, checks them, and says what is wrong with what is no frame.
 //!
 //! The mavlink crate's readers skip damaged frames without a word; Holdover counts them, so the search for a frame is done
-//! here, on the crate's checksum and message parsers. A damaged frame costs that frame only: the search goes on at its second
+//! here, on the crate's message parsers. A damaged frame costs that frame only: the search goes on at its second
 //! byte.
 
 use mavlink::dialects::ardupilotmega::MavMessage;
@@ -10,6 +10,7 @@ use mavlink::{MavlinkVersion, Message};
 
 use super::counters::Cause;
 use super::gnss_integrity;
+use super::running_crc::{RunningCrc, checksum, digest};
 
 /// A MAVLink system id (a vehicle or a ground station).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -60,6 +61,11 @@ pub enum Scan<'a> {
 
 /// Looks at the start of `bytes`. With `at_end` no more bytes will come, so a frame need not be followed by anything.
 pub fn scan(bytes: &[u8], at_end: bool) -> Scan<'_> {
+    scan_by(bytes, at_end, |frame| frame.checksum_fits())
+}
+
+/// [`scan`], with `fits` to say whether a frame's checksum is right. It is asked once, of a frame that is whole and whose message is known.
+pub(super) fn scan_by<'a>(bytes: &'a [u8], at_end: bool, fits: impl FnOnce(&Frame<'a>) -> bool) -> Scan<'a> {
     let Some(start) = bytes.iter().position(|&b| b == STX_V1 || b == STX_V2) else {
         return if bytes.is_empty() {
             Scan::Incomplete
@@ -73,7 +79,7 @@ pub fn scan(bytes: &[u8], at_end: bool) -> Scan<'_> {
     match candidate(bytes) {
         Candidate::Short => Scan::Incomplete,
         Candidate::NoFrame => Scan::Skip { skip: 1, cause: Cause::Garbage },
-        Candidate::Frame(frame) => classify(frame, bytes.get(frame.len()), at_end),
+        Candidate::Frame(frame) => classify(frame, bytes.get(frame.len()), at_end, fits),
     }
 }
 
@@ -108,12 +114,18 @@ pub(super) fn candidate(bytes: &[u8]) -> Candidate<'_> {
     }
 }
 
-fn classify<'a>(frame: Frame<'a>, next: Option<&u8>, at_end: bool) -> Scan<'a> {
-    if frame.checksum_fits() {
-        return Scan::Frame(frame);
-    }
+fn classify<'a>(
+    frame: Frame<'a>,
+    next: Option<&u8>,
+    at_end: bool,
+    fits: impl FnOnce(&Frame<'a>) -> bool,
+) -> Scan<'a> {
     if frame.known() {
-        return Scan::Skip { skip: 1, cause: Cause::BadChecksum };
+        return if fits(&frame) {
+            Scan::Frame(frame)
+        } else {
+            Scan::Skip { skip: 1, cause: Cause::BadChecksum }
+        };
     }
     // An unknown id may be a newer message or garbage that happens to hold a start byte. What follows tells them apart.
     match next {
@@ -198,9 +210,25 @@ impl<'a> Frame<'a> {
 
     /// Whether the checksum is right, taking the dialect's `CRC_EXTRA`. Always false for an unknown message.
     pub fn checksum_fits(&self) -> bool {
-        let end = self.header_len() + usize::from(self.bytes[1]);
-        let sent = u16::from_le_bytes([self.bytes[end], self.bytes[end + 1]]);
-        mavlink::calculate_crc(&self.bytes[1..end], extra_crc(self.message_id())) == sent && self.known()
+        self.known() && self.carries(checksum(&self.bytes[1..self.checksum_at()]))
+    }
+
+    /// The same by the checksums of a run of bytes, for a frame that stands `ahead` bytes behind the start of `window`, at position `at`
+    /// of the run.
+    pub(super) fn fits_in(&self, crc: &mut RunningCrc, window: &[u8], at: u64, ahead: usize) -> bool {
+        self.known()
+            && crc.of(window, at, ahead + 1, self.checksum_at() - 1).is_some_and(|crc| self.carries(crc))
+    }
+
+    fn checksum_at(&self) -> usize {
+        self.header_len() + usize::from(self.bytes[1])
+    }
+
+    /// Whether the frame's checksum is this one of its header and payload, with the message's `CRC_EXTRA`.
+    fn carries(&self, crc: u16) -> bool {
+        let at = self.checksum_at();
+        let sent = u16::from_le_bytes([self.bytes[at], self.bytes[at + 1]]);
+        digest(crc, extra_crc(self.message_id())) == sent
     }
 
     /// The typed message.

@@ -10,11 +10,12 @@ use std::io::{self, Read};
 use super::counters::{Cause, Counters};
 use super::frame::{Candidate, Frame, MAX_FRAME_LEN, candidate};
 use super::read_ahead::ReadAhead;
+use super::running_crc::RunningCrc;
 
 /// Bytes of the stamp in front of every frame.
 const STAMP_LEN: usize = 8;
-/// Room to decide on one record: its stamp, its frame, and the beginning of the next record.
-const LOOK_AHEAD: usize = STAMP_LEN + MAX_FRAME_LEN + STAMP_LEN + 1;
+/// Room to decide on one record: its stamp and its frame, and whole records that may begin up to its end.
+const LOOK_AHEAD: usize = 2 * (STAMP_LEN + MAX_FRAME_LEN) + STAMP_LEN + 1;
 const BUFFER_LEN: usize = 1 << 18;
 
 /// One record of a log.
@@ -32,6 +33,7 @@ pub struct TlogReader<R> {
     stamp_len: usize,
     truncated: bool,
     counters: Counters,
+    judge: Judge,
 }
 
 enum RecordStep {
@@ -56,6 +58,7 @@ impl<R: Read> TlogReader<R> {
             stamp_len,
             truncated: false,
             counters: Counters::default(),
+            judge: Judge::new(),
         }
     }
 
@@ -80,7 +83,8 @@ impl<R: Read> TlogReader<R> {
             if self.window.bytes().is_empty() {
                 return Ok(None);
             }
-            match step(self.window.bytes(), self.stamp_len, self.window.at_end()) {
+            let (bytes, at) = (self.window.bytes(), self.window.position());
+            match self.judge.step(&Sight { bytes, at, stamp_len: self.stamp_len }) {
                 RecordStep::Record { len, known } => {
                     self.window.advance(len);
                     self.counters.frames += 1;
@@ -117,61 +121,98 @@ impl<R: Read> TlogReader<R> {
     }
 }
 
-/// Decides what the first bytes are. `bytes` holds at least [`LOOK_AHEAD`] bytes unless the log ends before.
-fn step(bytes: &[u8], stamp_len: usize, at_end: bool) -> RecordStep {
-    debug_assert!(at_end || bytes.len() >= LOOK_AHEAD);
-    let Some(rest) = bytes.get(stamp_len..) else {
-        return RecordStep::Skip { skip: bytes.len(), count: None };
-    };
-    let frame = match candidate(rest) {
-        Candidate::Frame(frame) => frame,
-        // Nothing after it can be a whole record either if even the shortest one does not fit.
-        Candidate::Short if bytes.len() < stamp_len + 8 => {
+/// The first bytes of what is not yet read. At least [`LOOK_AHEAD`] of them are in sight unless the log ends before.
+struct Sight<'a> {
+    bytes: &'a [u8],
+    /// Position in the log.
+    at: u64,
+    stamp_len: usize,
+}
+
+impl<'a> Sight<'a> {
+    /// What stands behind the stamp of a record that begins `ahead` bytes from here.
+    fn behind_stamp(&self, ahead: usize) -> &'a [u8] {
+        self.bytes.get(ahead + self.stamp_len..).unwrap_or_default()
+    }
+
+    /// Whether a record begins `ahead` bytes from here whose checksum fits.
+    fn is_whole(&self, ahead: usize, crc: &mut RunningCrc) -> bool {
+        matches!(candidate(self.behind_stamp(ahead)), Candidate::Frame(frame)
+            if frame.fits_in(crc, self.bytes, self.at, ahead + self.stamp_len))
+    }
+
+    /// Bytes to leave behind until a start byte stands behind a stamp again; at least one.
+    fn to_next_start(&self) -> usize {
+        let found = self.behind_stamp(1).iter().position(|&b| b == 0xFE || b == 0xFD);
+        match found {
+            Some(i) => i + 1,
+            None => self.bytes.len().saturating_sub(self.stamp_len).max(1),
+        }
+    }
+}
+
+/// Tells records with a checksum that fits from what only looks like one. Every position is judged once.
+struct Judge {
+    crc: RunningCrc,
+    /// Nothing that fits begins behind the position that was asked about last and in front of this one.
+    searched: u64,
+    /// Something does here.
+    found: Option<u64>,
+}
+
+impl Judge {
+    fn new() -> Self {
+        Self { crc: RunningCrc::new(), searched: 0, found: None }
+    }
+
+    /// Decides what the first bytes are.
+    fn step(&mut self, sight: &Sight<'_>) -> RecordStep {
+        let bytes = sight.bytes;
+        if bytes.len() < sight.stamp_len {
             return RecordStep::Skip { skip: bytes.len(), count: None };
         }
-        Candidate::Short | Candidate::NoFrame => {
-            return RecordStep::Skip { skip: to_next_start(bytes, stamp_len), count: None };
+        let frame = match candidate(sight.behind_stamp(0)) {
+            Candidate::Frame(frame) => frame,
+            // Nothing after it can be a whole record either if even the shortest one does not fit.
+            Candidate::Short if bytes.len() < sight.stamp_len + 8 => {
+                return RecordStep::Skip { skip: bytes.len(), count: None };
+            }
+            Candidate::Short | Candidate::NoFrame => {
+                return RecordStep::Skip { skip: sight.to_next_start(), count: None };
+            }
+        };
+        let len = sight.stamp_len + frame.len();
+        if frame.fits_in(&mut self.crc, bytes, sight.at, sight.stamp_len) {
+            return RecordStep::Record { len, known: true };
         }
-    };
-    let len = stamp_len + frame.len();
-    if frame.checksum_fits() {
-        return RecordStep::Record { len, known: true };
-    }
-    // A whole record inside it says that it was none.
-    if let Some(inside) = next_whole(bytes, stamp_len, len) {
-        return RecordStep::Skip { skip: inside, count: None };
-    }
-    // A start byte where the next record has to have it (or the end of the log) says that this really was a record.
-    let next_fits = match bytes.get(len + stamp_len) {
-        Some(&b) => b == 0xFE || b == 0xFD,
-        None => len == bytes.len(),
-    };
-    match (next_fits, frame.known()) {
-        (true, true) => RecordStep::Skip { skip: len, count: Some(Cause::BadChecksum) },
-        (true, false) => RecordStep::Record { len, known: false },
-        (false, true) => RecordStep::Skip { skip: 1, count: Some(Cause::BadChecksum) },
-        (false, false) => RecordStep::Skip { skip: to_next_start(bytes, stamp_len), count: None },
-    }
-}
-
-/// Bytes to leave behind until a start byte stands behind a stamp again; at least one.
-fn to_next_start(bytes: &[u8], stamp_len: usize) -> usize {
-    let from = stamp_len + 1;
-    let found = bytes.get(from..).and_then(|rest| rest.iter().position(|&b| b == 0xFE || b == 0xFD));
-    match found {
-        Some(i) => i + 1,
-        None => bytes.len().saturating_sub(stamp_len).max(1),
-    }
-}
-
-/// Where within the first `len` bytes another record begins whose checksum fits.
-fn next_whole(bytes: &[u8], stamp_len: usize, len: usize) -> Option<usize> {
-    (1..len).find(|&from| match bytes.get(from + stamp_len..) {
-        Some(rest) if matches!(rest.first(), Some(0xFE | 0xFD)) => {
-            matches!(candidate(rest), Candidate::Frame(frame) if frame.checksum_fits())
+        // A whole record inside it says that it was none.
+        if let Some(inside) = self.next_whole(sight, len) {
+            return RecordStep::Skip { skip: inside, count: None };
         }
-        _ => false,
-    })
+        // A start byte where the next record has to have it (or the end of the log) says that this really was a record.
+        let next_fits = match bytes.get(len + sight.stamp_len) {
+            Some(&b) => b == 0xFE || b == 0xFD,
+            None => len == bytes.len(),
+        };
+        match (next_fits, frame.known()) {
+            (true, true) => RecordStep::Skip { skip: len, count: Some(Cause::BadChecksum) },
+            (true, false) => RecordStep::Record { len, known: false },
+            (false, true) => RecordStep::Skip { skip: 1, count: Some(Cause::BadChecksum) },
+            (false, false) => RecordStep::Skip { skip: sight.to_next_start(), count: None },
+        }
+    }
+
+    /// Where within the first `len` bytes another record begins whose checksum fits.
+    fn next_whole(&mut self, sight: &Sight<'_>, len: usize) -> Option<usize> {
+        let ahead = |position: u64| position.checked_sub(sight.at).and_then(|n| usize::try_from(n).ok());
+        if self.found.and_then(ahead).is_none_or(|ahead| ahead == 0) {
+            let from = ahead(self.searched).unwrap_or(0).max(1);
+            let inside = (from..len).find(|&from| sight.is_whole(from, &mut self.crc));
+            self.found = inside.map(|inside| sight.at + inside as u64);
+            self.searched = self.searched.max(sight.at + inside.unwrap_or(len) as u64);
+        }
+        self.found.and_then(ahead).filter(|&inside| inside < len)
+    }
 }
 
 #[cfg(test)]
@@ -280,7 +321,75 @@ mod tests {
         assert!(counters.of(Cause::Garbage) > 0);
     }
 
+    /// Frames and counts of the reader.
+    fn found(bytes: &[u8], stamp_len: usize) -> (Vec<Vec<u8>>, Counters, usize) {
+        let mut reader = TlogReader::with_stamps(bytes, stamp_len);
+        let mut frames = Vec::new();
+        while let Some(r) = reader.next_record().unwrap() {
+            frames.push(r.frame.bytes().to_vec());
+        }
+        (frames, reader.counters.clone(), reader.judge.crc.cost)
+    }
+
+    /// The same by a checksum for every start, and a search for a whole record in every record that is none.
+    fn found_plainly(bytes: &[u8], stamp_len: usize) -> (Vec<Vec<u8>>, Counters) {
+        let (mut frames, mut counters) = (Vec::new(), Counters::default());
+        let mut at = 0;
+        while at < bytes.len() {
+            // A judge that remembers nothing.
+            let sight = Sight { bytes: &bytes[at..], at: 0, stamp_len };
+            match Judge::new().step(&sight) {
+                RecordStep::Record { len, known } => {
+                    frames.push(bytes[at + stamp_len..at + len].to_vec());
+                    counters.frames += 1;
+                    counters.add(Cause::UnknownId, u64::from(!known));
+                    at += len;
+                }
+                RecordStep::Skip { skip, count } => {
+                    counters
+                        .add(count.unwrap_or(Cause::Garbage), if count.is_some() { 1 } else { skip as u64 });
+                    at += skip;
+                }
+            }
+        }
+        (frames, counters)
+    }
+
+    fn hostile() -> Vec<Vec<u8>> {
+        let random = (0u32..200_000).map(|i| (i.wrapping_mul(0x9E37_79B9) >> 23) as u8 | 0xFC).collect();
+        let nested = [0xFE, 0xFD, 255, 0, 0, 0, 0, 0, 0, 0].repeat(20_000);
+        vec![vec![0xFE; 200_000], vec![0xFD; 200_000], [0xFE, 255].repeat(100_000), nested, random]
+    }
+
+    #[test]
+    fn hostile_bytes_cost_a_constant_each() {
+        for bytes in hostile() {
+            for stamp_len in [0, STAMP_LEN] {
+                let (.., cost) = found(&bytes, stamp_len);
+                // Digested once, judged as a record and as what may be inside another.
+                assert!(cost <= 10 * bytes.len(), "{cost} for {:02x?}", &bytes[..10]);
+            }
+        }
+    }
+
     proptest! {
+        #[test]
+        fn a_judge_that_remembers_finds_the_same(
+            pieces in proptest::collection::vec(prop_oneof![
+                proptest::collection::vec(any::<u8>(), 0..60),
+                proptest::collection::vec(prop::sample::select(vec![0xFDu8, 0xFE, 0, 1, 9, 255]), 0..300),
+                (0u32..8, any::<bool>()).prop_map(|(i, v1)| record(i, v1)),
+                (0u32..8, 0usize..21).prop_map(|(i, cut)| record(i, false).split_off(cut)),
+            ], 0..40),
+            stamped in any::<bool>(),
+        ) {
+            let bytes: Vec<u8> = pieces.into_iter().flatten().collect();
+            let stamp_len = if stamped { STAMP_LEN } else { 0 };
+            let (frames, counters, cost) = found(&bytes, stamp_len);
+            prop_assert_eq!((frames, counters), found_plainly(&bytes, stamp_len));
+            prop_assert!(cost <= 10 * bytes.len());
+        }
+
         #[test]
         fn arbitrary_bytes_are_read_to_their_end(bytes in proptest::collection::vec(any::<u8>(), 0..4000)) {
             let mut reader = TlogReader::new(bytes.as_slice());

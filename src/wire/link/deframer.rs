@@ -1,7 +1,8 @@
 //! Finds the frames in a stream of bytes, or in a datagram.
 
 use crate::wire::counters::Cause;
-use crate::wire::frame::{Frame, MAX_FRAME_LEN, Scan, scan};
+use crate::wire::frame::{Frame, MAX_FRAME_LEN, Scan, scan_by};
+use crate::wire::running_crc::RunningCrc;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,11 +15,29 @@ pub(super) enum Found<'a> {
     Reject { cause: Cause, n: u64 },
 }
 
-/// Calls `each` for everything in `bytes`; returns how many bytes are done with. With `at_end` that is all of them.
-pub(super) fn deframe(bytes: &[u8], at_end: bool, mut each: impl FnMut(Found<'_>)) -> usize {
+/// Calls `each` for everything in a datagram.
+///
+/// `crc` is kept by the caller for its memory.
+pub(super) fn deframe(datagram: &[u8], crc: &mut RunningCrc, each: impl FnMut(Found<'_>)) {
+    crc.restart();
+    search(datagram, 0, true, crc, each);
+}
+
+/// Calls `each` for everything in `bytes`, which begin at `at` in a run of bytes; returns how many are done with. With `at_end` that is
+/// all of them.
+///
+/// Every byte is judged once as the start of a frame, and a judgement costs the same whatever length is declared.
+fn search(
+    bytes: &[u8],
+    at: u64,
+    at_end: bool,
+    crc: &mut RunningCrc,
+    mut each: impl FnMut(Found<'_>),
+) -> usize {
     let mut done = 0;
     while let Some(rest) = bytes.get(done..).filter(|rest| !rest.is_empty()) {
-        done += match scan(rest, at_end) {
+        let from = at + done as u64;
+        done += match scan_by(rest, at_end, |frame| frame.fits_in(crc, rest, from, 0)) {
             Scan::Frame(frame) => {
                 each(Found::Frame(frame));
                 frame.len()
@@ -46,16 +65,20 @@ pub(super) fn deframe(bytes: &[u8], at_end: bool, mut each: impl FnMut(Found<'_>
 /// Room for several frames, so that a burst takes few reads.
 const CAPACITY: usize = 16 * MAX_FRAME_LEN;
 
-/// A bounded buffer between a stream and [`deframe`].
+/// A bounded buffer between a stream and the search for frames.
 #[derive(Debug)]
 pub(super) struct Deframer {
     buffer: Box<[u8]>,
     filled: usize,
+    /// How many bytes of the stream are done with.
+    done: u64,
+    crc: RunningCrc,
 }
 
 impl Deframer {
     pub(super) fn new() -> Self {
-        Self { buffer: vec![0; CAPACITY].into_boxed_slice(), filled: 0 }
+        let buffer = vec![0; CAPACITY].into_boxed_slice();
+        Self { buffer, filled: 0, done: 0, crc: RunningCrc::new() }
     }
 
     /// Where to read to. Never empty: less than one frame and its successor's first byte stay in the buffer.
@@ -66,9 +89,10 @@ impl Deframer {
     /// Takes note that `n` bytes were read, and calls `each` for everything that is complete.
     pub(super) fn advance(&mut self, n: usize, each: impl FnMut(Found<'_>)) {
         self.filled = (self.filled + n).min(self.buffer.len());
-        let done = deframe(&self.buffer[..self.filled], false, each);
+        let done = search(&self.buffer[..self.filled], self.done, false, &mut self.crc, each);
         self.buffer.copy_within(done..self.filled, 0);
         self.filled -= done;
+        self.done += done as u64;
     }
 }
 
@@ -77,7 +101,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::wire::frame::{ComponentId, SystemId};
+    use crate::wire::frame::{ComponentId, SystemId, scan};
     use crate::wire::session::Address;
     use crate::wire::session::heartbeat::{SystemStatus, heartbeat};
     use crate::wire::session::outgoing::FrameWriter;
@@ -151,14 +175,85 @@ mod tests {
         #[test]
         fn a_datagram_is_used_to_its_end(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
             let mut covered = 0;
-            let done = deframe(&bytes, true, |found| covered += match found {
+            deframe(&bytes, &mut RunningCrc::new(), |found| covered += match found {
                 Found::Frame(f) | Found::Unknown(f) => f.len(),
                 // The search goes on at the damaged frame's second byte.
                 Found::Reject { cause: Cause::BadChecksum, .. } => 1,
                 Found::Reject { n, .. } => n as usize,
             });
-            prop_assert_eq!(done, bytes.len());
             prop_assert_eq!(covered, bytes.len());
+        }
+    }
+
+    /// What [`scan`] finds, which computes a checksum for every frame that is declared.
+    fn plainly(bytes: &[u8]) -> (Vec<Owned>, u64) {
+        let (mut list, mut garbage) = (Vec::new(), 0);
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let n = match scan(rest, true) {
+                Scan::Frame(f) => {
+                    list.push(Owned::Frame(f.bytes().to_vec()));
+                    f.len()
+                }
+                Scan::Unknown(f) => {
+                    list.push(Owned::Unknown(f.bytes().to_vec()));
+                    f.len()
+                }
+                Scan::Skip { cause: Cause::BadChecksum, skip } => {
+                    list.push(Owned::Damaged);
+                    skip
+                }
+                Scan::Skip { skip, .. } => {
+                    garbage += skip as u64;
+                    skip
+                }
+                Scan::Incomplete => {
+                    garbage += 1;
+                    1
+                }
+            };
+            rest = &rest[n..];
+        }
+        (list, garbage)
+    }
+
+    proptest! {
+        #[test]
+        fn the_same_is_found_as_with_a_checksum_for_every_start(
+            pieces in prop::collection::vec(prop_oneof![
+                prop::collection::vec(any::<u8>(), 0..60),
+                prop::collection::vec(prop::sample::select(vec![0xFDu8, 0xFE, 0, 1, 9, 255]), 0..60),
+                (0usize..8).prop_map(|i| frames(8).swap_remove(i)),
+            ], 0..40),
+        ) {
+            let datagram: Vec<u8> = pieces.into_iter().flatten().collect();
+            let (mut list, mut garbage) = (Vec::new(), 0);
+            deframe(&datagram, &mut RunningCrc::new(), |found| collect(&mut list, &mut garbage, found));
+            prop_assert_eq!((list, garbage), plainly(&datagram));
+        }
+    }
+
+    /// Bytes that declare as much as they can, as often as they can.
+    fn hostile() -> Vec<Vec<u8>> {
+        // MAVLink 1 and 2, length 255, HEARTBEAT; every other byte starts a frame.
+        let nested = [0xFE, 0xFD, 255, 0, 0, 0, 0, 0, 0, 0].repeat(6500);
+        let random: Vec<u8> =
+            (0u32..65_000).map(|i| (i.wrapping_mul(0x9E37_79B9) >> 23) as u8 | 0xFC).collect();
+        vec![vec![0xFE; 65_000], vec![0xFD; 65_000], [0xFE, 255].repeat(32_500), nested, random]
+    }
+
+    #[test]
+    fn hostile_bytes_cost_a_constant_each() {
+        for bytes in hostile() {
+            let mut crc = RunningCrc::new();
+            deframe(&bytes, &mut crc, |_| {});
+            assert!(crc.cost <= 6 * bytes.len(), "{} for {:02x?}", crc.cost, &bytes[..10]);
+            let mut deframer = Deframer::new();
+            for chunk in bytes.chunks(997) {
+                deframer.space()[..chunk.len()].copy_from_slice(chunk);
+                deframer.advance(chunk.len(), |_| {});
+            }
+            assert!(deframer.crc.cost <= 6 * bytes.len(), "{} for {:02x?}", deframer.crc.cost, &bytes[..10]);
         }
     }
 
@@ -167,7 +262,7 @@ mod tests {
         let mut datagram = vec![0xFD, 200, 0];
         datagram.extend(&frames(1)[0]);
         let (mut list, mut garbage) = (Vec::new(), 0);
-        deframe(&datagram, true, |found| collect(&mut list, &mut garbage, found));
+        deframe(&datagram, &mut RunningCrc::new(), |found| collect(&mut list, &mut garbage, found));
         assert_eq!((list, garbage), (vec![Owned::Frame(frames(1).remove(0))], 3));
     }
 }

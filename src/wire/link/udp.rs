@@ -16,6 +16,7 @@ use super::shared::{Shared, span};
 use crate::time::{Companion, Stamp};
 use crate::wire::endpoint::{Endpoint, HostPort};
 use crate::wire::messages::from_any_component;
+use crate::wire::running_crc::RunningCrc;
 use crate::wire::session::heartbeat_fields::HeartbeatFields;
 
 /// The longest datagram there is.
@@ -165,7 +166,7 @@ fn datagram_from(
         PinVerdict::Serve => {}
         PinVerdict::Unpinned => shared.unpinned(),
     }
-    deframe(datagram, true, |found| match found {
+    deframe(datagram, &mut RunningCrc::new(), |found| match found {
         // Before an autopilot was heard, frames are not to be trusted, but garbage is worth counting.
         Found::Frame(_) | Found::Unknown(_) if verdict == PinVerdict::Unpinned => {}
         found => shared.found(found, received),
@@ -176,7 +177,7 @@ fn datagram_from(
 /// measurement.
 fn look_through(datagram: &[u8], shared: &Shared) -> (bool, bool) {
     let (mut valid, mut pins) = (false, false);
-    deframe(datagram, true, |found| {
+    deframe(datagram, &mut RunningCrc::new(), |found| {
         if let Found::Frame(frame) = found {
             valid = true;
             if shared.is_for_sensors() {
@@ -280,7 +281,9 @@ async fn receive_connected(socket: &UdpSocket, shared: &Shared) -> String {
                 failures = 0;
                 let received = shared.now();
                 shared.read(n);
-                deframe(buffer.get(..n).unwrap_or_default(), true, |found| shared.found(found, received));
+                deframe(buffer.get(..n).unwrap_or_default(), &mut RunningCrc::new(), |found| {
+                    shared.found(found, received)
+                });
             }
             Err(error) => {
                 if let Err(reason) = survive(shared, error, &mut failures).await {
