@@ -61,11 +61,16 @@ pub enum Scan<'a> {
 
 /// Looks at the start of `bytes`. With `at_end` no more bytes will come, so a frame need not be followed by anything.
 pub fn scan(bytes: &[u8], at_end: bool) -> Scan<'_> {
-    scan_by(bytes, at_end, |frame| frame.checksum_fits())
+    scan_by(bytes, at_end, Frame::carries_its_checksum)
 }
 
-/// [`scan`], with `fits` to say whether a frame's checksum is right. It is asked once, of a frame that is whole and whose message is known.
-pub(super) fn scan_by<'a>(bytes: &'a [u8], at_end: bool, fits: impl FnOnce(&Frame<'a>) -> bool) -> Scan<'a> {
+/// [`scan`], with `fits` to say whether a frame's checksum is right. It is asked once, of a frame that is whole and whose message is known,
+/// with the message's `CRC_EXTRA`.
+pub(super) fn scan_by<'a>(
+    bytes: &'a [u8],
+    at_end: bool,
+    fits: impl FnOnce(&Frame<'a>, u8) -> bool,
+) -> Scan<'a> {
     let Some(start) = bytes.iter().position(|&b| b == STX_V1 || b == STX_V2) else {
         return if bytes.is_empty() {
             Scan::Incomplete
@@ -118,10 +123,10 @@ fn classify<'a>(
     frame: Frame<'a>,
     next: Option<&u8>,
     at_end: bool,
-    fits: impl FnOnce(&Frame<'a>) -> bool,
+    fits: impl FnOnce(&Frame<'a>, u8) -> bool,
 ) -> Scan<'a> {
-    if frame.known() {
-        return if fits(&frame) {
+    if let Some(extra) = extra_crc(frame.message_id()) {
+        return if fits(&frame, extra) {
             Scan::Frame(frame)
         } else {
             Scan::Skip { skip: 1, cause: Cause::BadChecksum }
@@ -205,19 +210,35 @@ impl<'a> Frame<'a> {
 
     /// Whether the message is in the dialect, or one that is read without it.
     pub fn known(&self) -> bool {
-        extra_crc(self.message_id()) != 0 || !matches!(self.parse(), Err(ParserError::UnknownMessage { .. }))
+        extra_crc(self.message_id()).is_some()
     }
 
     /// Whether the checksum is right, taking the dialect's `CRC_EXTRA`. Always false for an unknown message.
     pub fn checksum_fits(&self) -> bool {
-        self.known() && self.carries(checksum(&self.bytes[1..self.checksum_at()]))
+        extra_crc(self.message_id()).is_some_and(|extra| self.carries_its_checksum(extra))
     }
 
-    /// The same by the checksums of a run of bytes, for a frame that stands `ahead` bytes behind the start of `window`, at position `at`
-    /// of the run.
+    fn carries_its_checksum(&self, extra: u8) -> bool {
+        self.carries(checksum(&self.bytes[1..self.checksum_at()]), extra)
+    }
+
+    /// Whether the checksum is right by those of a run of bytes, for a frame that stands `ahead` bytes behind the start of `window`, at
+    /// position `at` of the run. Always false for an unknown message.
     pub(super) fn fits_in(&self, crc: &mut RunningCrc, window: &[u8], at: u64, ahead: usize) -> bool {
-        self.known()
-            && crc.of(window, at, ahead + 1, self.checksum_at() - 1).is_some_and(|crc| self.carries(crc))
+        extra_crc(self.message_id()).is_some_and(|extra| self.agrees_with(crc, extra, window, at, ahead))
+    }
+
+    /// The same for a message whose `CRC_EXTRA` is known already.
+    pub(super) fn agrees_with(
+        &self,
+        crc: &mut RunningCrc,
+        extra: u8,
+        window: &[u8],
+        at: u64,
+        ahead: usize,
+    ) -> bool {
+        let digested = crc.of(window, at, ahead + 1, self.checksum_at() - 1);
+        digested.is_some_and(|crc| self.carries(crc, extra))
     }
 
     fn checksum_at(&self) -> usize {
@@ -225,10 +246,10 @@ impl<'a> Frame<'a> {
     }
 
     /// Whether the frame's checksum is this one of its header and payload, with the message's `CRC_EXTRA`.
-    fn carries(&self, crc: u16) -> bool {
+    fn carries(&self, crc: u16, extra: u8) -> bool {
         let at = self.checksum_at();
         let sent = u16::from_le_bytes([self.bytes[at], self.bytes[at + 1]]);
-        digest(crc, extra_crc(self.message_id())) == sent
+        digest(crc, extra) == sent
     }
 
     /// The typed message.
@@ -240,9 +261,16 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// `CRC_EXTRA` of a message; 0 where none is known.
-fn extra_crc(id: u32) -> u8 {
-    if id == gnss_integrity::ID { gnss_integrity::CRC_EXTRA } else { MavMessage::extra_crc(id) }
+/// `CRC_EXTRA` of a message that is known.
+fn extra_crc(id: u32) -> Option<u8> {
+    if id == gnss_integrity::ID {
+        return Some(gnss_integrity::CRC_EXTRA);
+    }
+    match MavMessage::extra_crc(id) {
+        // The dialect says 0 of what it does not know; a message may have 0 as well.
+        0 => MavMessage::default_message_from_id(id).map(|_| 0),
+        extra => Some(extra),
+    }
 }
 
 /// The [`Cause`] under which a failed [`Frame::parse`] is counted.

@@ -37,7 +37,7 @@ fn search(
     let mut done = 0;
     while let Some(rest) = bytes.get(done..).filter(|rest| !rest.is_empty()) {
         let from = at + done as u64;
-        done += match scan_by(rest, at_end, |frame| frame.fits_in(crc, rest, from, 0)) {
+        done += match scan_by(rest, at_end, |frame, extra| frame.agrees_with(crc, extra, rest, from, 0)) {
             Scan::Frame(frame) => {
                 each(Found::Frame(frame));
                 frame.len()
