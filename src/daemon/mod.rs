@@ -395,7 +395,7 @@ impl Daemon {
             return;
         }
         match encode(message, self.decoder.clock()) {
-            Some(encoded) if self.transmitter.answer(&encoded) => {
+            Some(encoded) if self.transmitter.answer_since(&encoded, at) => {
                 self.counts.sent += 1;
                 self.position_left(message.time(), now);
             }

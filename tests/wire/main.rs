@@ -11,5 +11,6 @@ mod double;
 mod hand_over;
 mod links;
 mod live;
+mod paused;
 mod restart;
 mod sensor_link;

@@ -7,6 +7,7 @@
 //!
 //! Frames are checked for damage here and for nothing else. Signatures are not verified.
 
+mod arrival;
 mod backoff;
 mod deframer;
 mod event;
@@ -38,6 +39,7 @@ use super::endpoint::Endpoint;
 use super::frame::{Frame, SystemId};
 use super::frame_bytes::FrameBytes;
 use crate::time::{Companion, Stamp};
+use arrival::Attendance;
 use shared::Shared;
 
 /// Number of a link: its place in the list of endpoints.
@@ -55,7 +57,8 @@ impl fmt::Display for LinkId {
 pub struct ReceivedFrame {
     /// On which link.
     pub link: LinkId,
-    /// When its last byte was read from the socket or port.
+    /// When it arrived: by the kernel's stamp where there is one, else when its last byte was read; the beginning of the pause when the
+    /// process was stopped in between.
     pub received: Stamp<Companion>,
     /// Its bytes.
     pub bytes: FrameBytes,
@@ -234,10 +237,12 @@ impl Links {
         let (inbound_tx, inbound) = mpsc::channel(config.inbound_capacity.max(1));
         let (events_tx, events) = mpsc::channel(config.event_capacity.max(1));
         let tracker = TaskTracker::new();
+        let attendance = Arc::new(Attendance::new(clock));
         let mut links = Vec::with_capacity(endpoints.len());
         for (i, (endpoint, transport)) in endpoints.iter().zip(transports).enumerate() {
             let (inbound, events) = (inbound_tx.clone(), events_tx.clone());
-            let shared = Shared::new(LinkId(i), endpoint.clone(), &config, clock.clone(), inbound, events);
+            let shared =
+                Shared::new(LinkId(i), endpoint.clone(), &config, Arc::clone(&attendance), inbound, events);
             let shared = Arc::new(shared);
             shared.set_local(transport.local());
             links.push(Arc::clone(&shared));
@@ -251,6 +256,7 @@ impl Links {
                 shared.closed();
             });
         }
+        tracker.spawn(async move { cancel.run_until_cancelled(attendance.beat()).await });
         tracker.close();
         Ok(Links { inbound, events, handles: LinkHandles { links: links.into(), tracker } })
     }
@@ -300,6 +306,11 @@ impl LinkHandles {
     /// Queues a frame on one link; never waits.
     pub fn send(&self, link: LinkId, frame: FrameBytes) -> SendOutcome {
         self.links.get(link.0).map_or(SendOutcome::NoSuchLink, |l| l.send(frame))
+    }
+
+    /// The same with a frame that tells what was so `since`: it is not sent when that is too long ago at its turn.
+    pub fn send_since(&self, link: LinkId, frame: FrameBytes, since: Stamp<Companion>) -> SendOutcome {
+        self.links.get(link.0).map_or(SendOutcome::NoSuchLink, |l| l.send_since(frame, since))
     }
 
     /// Queues a frame on every link that is up.

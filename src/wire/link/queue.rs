@@ -71,7 +71,8 @@ impl OutboundQueue {
         dropped
     }
 
-    pub(super) fn push(&self, frame: FrameBytes, now: Stamp<Companion>) -> SendOutcome {
+    /// Takes a frame in that tells of what was so `since`.
+    pub(super) fn push(&self, frame: FrameBytes, since: Stamp<Companion>) -> SendOutcome {
         let mut state = self.state();
         if !state.open {
             return SendOutcome::LinkDown;
@@ -80,7 +81,7 @@ impl OutboundQueue {
         if full {
             state.frames.pop_front();
         }
-        state.frames.push_back((frame, now));
+        state.frames.push_back((frame, since));
         drop(state);
         self.arrived.notify_one();
         if full { SendOutcome::QueuedOldestDropped } else { SendOutcome::Queued }
@@ -89,8 +90,8 @@ impl OutboundQueue {
     pub(super) fn pop(&self, now: Stamp<Companion>) -> Popped {
         let mut state = self.state();
         let mut stale = 0;
-        while let Some((frame, queued)) = state.frames.pop_front() {
-            if now - queued <= self.max_age {
+        while let Some((frame, since)) = state.frames.pop_front() {
+            if now - since <= self.max_age {
                 return Popped { frame: Some(frame), stale };
             }
             stale += 1;

@@ -3,9 +3,10 @@
 use std::io;
 use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
 use tokio::time::timeout;
 
+use super::arrival::StreamArrivals;
 use super::deframer::Deframer;
 use super::event::LinkEventKind;
 use super::shared::Shared;
@@ -30,8 +31,9 @@ async fn read_all<R: AsyncRead + Unpin>(
     silence: Option<Duration>,
 ) -> String {
     let mut deframer = Deframer::new();
+    let mut arrivals = StreamArrivals::new(shared.attendance());
     loop {
-        let reading = reader.read(deframer.space());
+        let reading = arrivals.read(reader, deframer.space());
         let result = match silence {
             None => reading.await,
             Some(limit) => match timeout(limit, reading).await {
@@ -40,11 +42,10 @@ async fn read_all<R: AsyncRead + Unpin>(
             },
         };
         match result {
-            Ok(0) => return "the other end closed it".to_owned(),
-            Ok(n) => {
-                let received = shared.now();
+            Ok((0, _)) => return "the other end closed it".to_owned(),
+            Ok((n, arrived)) => {
                 shared.read(n);
-                deframer.advance(n, |found| shared.found(found, received));
+                deframer.advance(n, |found| shared.found(found, arrived));
             }
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return format!("reading failed: {error}"),

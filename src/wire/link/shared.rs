@@ -1,11 +1,12 @@
 //! What the tasks of a link and its handles share: counters, queues and state.
 
 use std::net::SocketAddr;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::mpsc;
 
+use super::arrival::Attendance;
 use super::backoff::Backoff;
 use super::deframer::Found;
 use super::event::{LinkEvent, LinkEventKind};
@@ -13,7 +14,6 @@ use super::queue::{OutboundQueue, SendOutcome};
 use super::stats::{LinkState, LinkStats};
 use super::{LinkConfig, LinkId, ReceivedFrame};
 use crate::time::{Companion, Span, Stamp};
-use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::Frame;
@@ -24,7 +24,7 @@ use crate::wire::frame_bytes::FrameBytes;
 pub(super) struct Shared {
     id: LinkId,
     pub(super) config: LinkConfig,
-    clock: CompanionClock,
+    attendance: Arc<Attendance>,
     outbound: OutboundQueue,
     inbound: mpsc::Sender<ReceivedFrame>,
     events: mpsc::Sender<LinkEvent>,
@@ -48,7 +48,7 @@ impl Shared {
         id: LinkId,
         endpoint: Endpoint,
         config: &LinkConfig,
-        clock: CompanionClock,
+        attendance: Arc<Attendance>,
         inbound: mpsc::Sender<ReceivedFrame>,
         events: mpsc::Sender<LinkEvent>,
     ) -> Self {
@@ -56,7 +56,7 @@ impl Shared {
         Self {
             id,
             config: config.clone(),
-            clock,
+            attendance,
             outbound: OutboundQueue::new(config.outbound_capacity, span(config.max_queue_age)),
             inbound,
             events,
@@ -78,7 +78,12 @@ impl Shared {
     }
 
     pub(super) fn now(&self) -> Stamp<Companion> {
-        self.clock.now()
+        self.attendance.now()
+    }
+
+    /// When the process has read its links, and when it could not.
+    pub(super) fn attendance(&self) -> &Attendance {
+        &self.attendance
     }
 
     pub(super) fn stats(&self) -> LinkStats {
@@ -213,7 +218,11 @@ impl Shared {
     }
 
     pub(super) fn send(&self, frame: FrameBytes) -> SendOutcome {
-        let outcome = self.outbound.push(frame, self.now());
+        self.send_since(frame, self.now())
+    }
+
+    pub(super) fn send_since(&self, frame: FrameBytes, since: Stamp<Companion>) -> SendOutcome {
+        let outcome = self.outbound.push(frame, since);
         match outcome {
             SendOutcome::Queued | SendOutcome::NoSuchLink => {}
             SendOutcome::QueuedOldestDropped => self.inner().stats.unsent_full += 1,

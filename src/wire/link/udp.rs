@@ -9,6 +9,7 @@ use std::time::Duration;
 use tokio::net::{UdpSocket, lookup_host};
 
 use super::OpenError;
+use super::arrival::{Datagram, DatagramArrivals};
 use super::deframer::{Found, deframe};
 use super::event::LinkEventKind;
 use super::pin::{Pin, PinVerdict};
@@ -133,14 +134,16 @@ async fn listen(socket: &UdpSocket, shared: &Shared) -> String {
 async fn receive_pinned(socket: &UdpSocket, shared: &Shared, pin: &SharedPin) -> String {
     let mut buffer = vec![0; DATAGRAM];
     let mut failures = 0;
+    let mut arrivals = DatagramArrivals::new(shared.attendance(), socket);
     loop {
-        match socket.recv_from(&mut buffer).await {
-            Ok((n, peer)) => {
+        match arrivals.receive(&mut buffer).await {
+            Ok(Datagram { len, from, arrived }) => {
                 failures = 0;
-                let received = shared.now();
-                shared.read(n);
-                let datagram = buffer.get(..n).unwrap_or_default();
-                datagram_from(peer, datagram, received, shared, pin);
+                shared.read(len);
+                let datagram = buffer.get(..len).unwrap_or_default();
+                if let Some(peer) = from {
+                    datagram_from(peer, datagram, arrived, shared, pin);
+                }
             }
             Err(error) => {
                 if let Err(reason) = survive(shared, error, &mut failures).await {
@@ -275,14 +278,14 @@ impl UdpClient {
 async fn receive_connected(socket: &UdpSocket, shared: &Shared) -> String {
     let mut buffer = vec![0; DATAGRAM];
     let mut failures = 0;
+    let mut arrivals = DatagramArrivals::new(shared.attendance(), socket);
     loop {
-        match socket.recv(&mut buffer).await {
-            Ok(n) => {
+        match arrivals.receive(&mut buffer).await {
+            Ok(Datagram { len, arrived, .. }) => {
                 failures = 0;
-                let received = shared.now();
-                shared.read(n);
-                deframe(buffer.get(..n).unwrap_or_default(), &mut RunningCrc::new(), |found| {
-                    shared.found(found, received)
+                shared.read(len);
+                deframe(buffer.get(..len).unwrap_or_default(), &mut RunningCrc::new(), |found| {
+                    shared.found(found, arrived)
                 });
             }
             Err(error) => {

@@ -48,19 +48,28 @@ impl Transmitter {
 
     /// Sends on the link that the autopilot is listened to on; whether it could be queued there.
     pub fn answer(&mut self, message: &MavMessage) -> bool {
-        self.route.link().is_some_and(|link| self.send(link, message))
+        self.route.link().is_some_and(|link| self.send(link, message, None))
+    }
+
+    /// The same with what stands on a sample that came at `since`, and is worth nothing when that is long ago.
+    pub fn answer_since(&mut self, message: &MavMessage, since: Stamp<Companion>) -> bool {
+        self.route.link().is_some_and(|link| self.send(link, message, Some(since)))
     }
 
     /// Sends on every link.
     pub fn broadcast(&mut self, message: &MavMessage) {
         for i in 0..self.writers.len() {
-            self.send(LinkId(i), message);
+            self.send(LinkId(i), message, None);
         }
     }
 
-    fn send(&mut self, link: LinkId, message: &MavMessage) -> bool {
+    fn send(&mut self, link: LinkId, message: &MavMessage, since: Option<Stamp<Companion>>) -> bool {
         let Some(frame) = self.writers.get_mut(link.0).and_then(|w| w.write(message)) else { return false };
-        matches!(self.handles.send(link, frame), SendOutcome::Queued | SendOutcome::QueuedOldestDropped)
+        let outcome = match since {
+            Some(since) => self.handles.send_since(link, frame, since),
+            None => self.handles.send(link, frame),
+        };
+        matches!(outcome, SendOutcome::Queued | SendOutcome::QueuedOldestDropped)
     }
 
     /// Whether the autopilot is listened to on `link`, of which it was heard just now; and whether that is another link than

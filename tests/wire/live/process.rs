@@ -42,10 +42,10 @@ impl Holdover {
         let forgetful = if keeps { &[][..] } else { &["--set", "state.dir=\"\""][..] };
         let mut child = alone(env!("CARGO_BIN_EXE_holdover"))
             .arg("run")
-            .args(args)
-            .args(forgetful)
             // The flights are played many times as fast as they were flown, so queues and patience must be larger in proportion.
             .args(["--set", "tuning.link.queue_frames=16384", "--set", "tuning.link.stale_output_ms=3000"])
+            .args(args)
+            .args(forgetful)
             .env_remove("HOLDOVER_LOG")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
