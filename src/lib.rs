@@ -54,6 +54,7 @@ pub mod config;
 mod daemon;
 pub mod double;
 pub mod fault;
+mod files;
 pub mod filter;
 pub mod geo;
 pub mod landmark;

@@ -8,6 +8,7 @@ mod check;
 mod evaluate;
 mod inspect;
 mod jobs;
+mod key;
 mod logs;
 mod markers;
 mod preflight;
@@ -57,6 +58,8 @@ enum Command {
     Simulate(Box<simulate::SimulateArgs>),
     /// Check the configuration and show what is in force
     Check(check::CheckArgs),
+    /// Make, import and hand over the key of signed links
+    Key(key::KeyArgs),
 }
 
 /// Where the settings come from.
@@ -174,6 +177,7 @@ fn run(cli: Cli) -> Result<(), Failure> {
         Command::Inspect(args) => inspect::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Key(args) => key::run(&args),
     }
 }
 

@@ -1,5 +1,6 @@
 //! `holdover preflight`: is the autopilot set up for what Holdover will send, and does it send what Holdover needs?
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
@@ -18,9 +19,10 @@ use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
-use crate::wire::link::{Links, ReceivedFrame};
+use crate::wire::link::{LinkConfig, Links, ReceivedFrame};
 use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus};
 use crate::wire::session::transmitter::Transmitter;
+use crate::wire::signing::{Signing, SigningWatch};
 
 use super::{ConfigArgs, Failure, warn};
 
@@ -126,7 +128,14 @@ fn several(vehicles: &[u8]) -> String {
 /// Holds the conversation over the links, until it has an end.
 async fn converse(settings: &Settings, needs: &Needs, args: &PreflightArgs) -> Result<PreflightEnd, Failure> {
     let (clock, close) = (CompanionClock::new(), CancellationToken::new());
-    let mut links = Links::open(&settings.endpoints, link_config(settings), clock.clone(), close.clone())
+    let states = settings.state.make(|name| std::env::var(name).ok()).ok().flatten();
+    let signing =
+        Signing::beside(&settings.signing, states.as_deref()).map_err(|e| Failure::Usage(e.to_string()))?;
+    if let Some(told) = &signing.told {
+        eprintln!("holdover: {told}");
+    }
+    let config = LinkConfig { signing: Arc::clone(&signing.gate), ..link_config(settings) };
+    let mut links = Links::open(&settings.endpoints, config, clock.clone(), close.clone())
         .await
         .map_err(|e| Failure::Link(e.to_string()))?;
     let handles = links.handles.clone();
@@ -159,6 +168,9 @@ async fn converse(settings: &Settings, needs: &Needs, args: &PreflightArgs) -> R
         }
     };
     close.cancel();
+    if let Some(refused) = SigningWatch::default().poll(clock.now(), &handles.signing()) {
+        eprintln!("holdover: {refused}");
+    }
     // A link that does not close has no say in what was found.
     let _ = tokio::time::timeout(CLOSING, handles.closed()).await;
     Ok(end)

@@ -1,6 +1,6 @@
 //! `holdover replay`: fly a log again.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -11,6 +11,7 @@ use serde::Serialize;
 use crate::altimeter::Health;
 use crate::config::Settings;
 use crate::fault::InjectedFault;
+use crate::files::{OutputFile, Overwrite, READABLE, named};
 use crate::geo::so3::Euler;
 use crate::log::{Log, LogSummary};
 use crate::metrics::AidedReport;
@@ -53,6 +54,9 @@ pub struct ReplayArgs {
     /// Write solution.csv into this folder; of several logs each into a folder of its own there
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Overwrite a solution.csv that is there
+    #[arg(long, requires = "out")]
+    pub force: bool,
     /// Settings
     #[command(flatten)]
     pub settings: ConfigArgs,
@@ -146,7 +150,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
 
 fn one(args: &ReplayArgs, path: &Path, out: Option<&Path>, settings: &Settings) -> Result<(), Failure> {
     let log = Log::open(path, settings.system)?;
-    let mut csv = out.map(SolutionCsv::create).transpose()?;
+    let mut csv = out.map(|dir| SolutionCsv::create(dir, Overwrite::forced(args.force))).transpose()?;
     let bar = progress_bar(log.bytes(), args.json);
     let clock = CompanionClock::new();
     let begun = clock.now();
@@ -391,7 +395,7 @@ fn print_innovations(navigator: &Navigator) {
 
 /// The solution at 20 Hz as comma-separated values.
 struct SolutionCsv {
-    file: csv::Writer<File>,
+    file: csv::Writer<OutputFile>,
     failed: Option<csv::Error>,
     due: Option<crate::time::AutopilotTime>,
 }
@@ -416,10 +420,10 @@ const CSV_HEADER: [&str; 15] = [
 ];
 
 impl SolutionCsv {
-    fn create(dir: &Path) -> Result<Self, Failure> {
-        let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", dir.display()));
-        fs::create_dir_all(dir).map_err(named)?;
-        let mut file = csv::Writer::from_writer(File::create(dir.join("solution.csv")).map_err(named)?);
+    fn create(dir: &Path, overwrite: Overwrite) -> Result<Self, Failure> {
+        fs::create_dir_all(dir).map_err(|e| named(dir, &e))?;
+        let file = OutputFile::create(&dir.join("solution.csv"), overwrite, READABLE)?;
+        let mut file = csv::Writer::from_writer(file);
         file.write_record(CSV_HEADER)?;
         Ok(Self { file, failed: None, due: None })
     }
@@ -451,10 +455,10 @@ impl SolutionCsv {
             .write_record(what.into_iter().chain(state).chain(sigmas).chain([s.reset_counter.to_string()]))
     }
 
-    fn finish(mut self) -> Result<(), Failure> {
+    fn finish(self) -> Result<(), Failure> {
         match self.failed {
             Some(e) => Err(e.into()),
-            None => Ok(self.file.flush()?),
+            None => Ok(self.file.into_inner().map_err(|e| e.into_error())?.finish()?),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! `holdover run`: the daemon.
 
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -15,7 +15,8 @@ use crate::config::{LOG_VARIABLE, Origin, Settings};
 use crate::daemon::{Daemon, endpoints, link_config};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::endpoint::Endpoint;
-use crate::wire::link::Links;
+use crate::wire::link::{LinkConfig, Links};
+use crate::wire::signing::Signing;
 
 use super::replay::parse_interval;
 use super::{ConfigArgs, Failure, check, warn};
@@ -120,12 +121,27 @@ fn state_folder(settings: &Settings) -> Option<PathBuf> {
     }
 }
 
+/// Signing as it is configured, and says so. Without the key, or a place for its stamps, nothing is begun.
+fn signing(settings: &Settings, states: Option<&Path>) -> Result<Signing, Failure> {
+    let signing = Signing::open(&settings.signing, states).map_err(|e| Failure::Usage(e.to_string()))?;
+    if let Some(policy) = signing.gate.policy() {
+        tracing::info!("{policy}");
+    }
+    if let Some(told) = &signing.told {
+        tracing::warn!("the stamps of signatures begin anew: {told}");
+    }
+    Ok(signing)
+}
+
 async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Failure> {
     let (stop, close) = (CancellationToken::new(), CancellationToken::new());
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
     let clock = CompanionClock::new();
-    let links = Links::open(&endpoints(settings), link_config(settings), clock.clone(), close.clone())
+    let folder = state_folder(settings);
+    let mut signing = signing(settings, folder.as_deref())?;
+    let config = LinkConfig { signing: Arc::clone(&signing.gate), ..link_config(settings) };
+    let links = Links::open(&endpoints(settings), config, clock.clone(), close.clone())
         .await
         .map_err(|e| Failure::Link(e.to_string()))?;
     let handles = links.handles.clone();
@@ -139,9 +155,7 @@ async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Fail
     for (a, b) in deny_gnss {
         tracing::warn!("a drill: GNSS is withheld from {a} to {b} s after the first sample");
     }
-    let daemon = Daemon::new(settings, deny_gnss, links, clock)
-        .keeping_state_in(state_folder(settings))
-        .run(stop.clone());
+    let daemon = Daemon::new(settings, deny_gnss, links, clock).keeping_state_in(folder).run(stop.clone());
     tokio::pin!(daemon);
     let summary = tokio::select! {
         summary = &mut daemon => summary,
@@ -160,6 +174,7 @@ async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Fail
     if tokio::time::timeout(CLOSING, handles.closed()).await.is_err() {
         tracing::warn!("a link does not close");
     }
+    signing.close();
     tracing::info!("in the end: {summary}");
     Ok(())
 }

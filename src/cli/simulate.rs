@@ -1,8 +1,7 @@
 //! `holdover simulate`: the log of a simulated flight, with the truth in it, as an autopilot's telemetry would have it; or, live, the
 //! autopilot itself ([`super::autopilot`]).
 
-use std::fs::OpenOptions;
-use std::io::{BufWriter, ErrorKind, IsTerminal, Write};
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -10,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
 use crate::fault::{InjectedFault, Injector};
+use crate::files::{OutputFile, Overwrite, READABLE, write_whole};
 use crate::geo::{Body, BodyToNed, Ned};
 use crate::sample::{Input, Sample};
 use crate::sim::models::{AirspeedModel, GnssOutage, ImuModel, OutageKind, RangeModel};
@@ -153,28 +153,29 @@ fn write_log(args: &SimulateArgs, name: &str, out: &Path) -> Result<(), Failure>
     let landmarks =
         field.as_ref().map(|field| (to_toml(field, &camera, &scenario.origin), field.markers.len()));
     let watch = field.map(|field| MarkerWatch::new(field, camera, args.seed));
-    let sink = create(out, args.force)?;
-    let named = |e: std::io::Error| Failure::Other(format!("{}: {e}", out.display()));
+    let overwrite = Overwrite::forced(args.force);
+    let sink = OutputFile::create(out, overwrite, READABLE)?;
     let mut recorder = Recorder::new(Simulation::new(scenario, suite, args.seed), watch, args.dialect, sink);
     recorder.faults = Injector::new(args.fault.clone(), args.seed);
     let bar = progress_bar(duration_s);
-    while let Some(t_s) = recorder.step().map_err(named)? {
+    while let Some(t_s) = recorder.step()? {
         bar.set_position(t_s as u64);
     }
-    recorder.log.finish().map_err(named)?;
+    let (count, bytes) = (recorder.log.count(), recorder.log.bytes());
+    recorder.log.into_sink().finish()?;
     bar.finish_and_clear();
     let path = out.display();
     outln!("{path}: {summary}");
     outln!(
         "  {duration_s:.1} s, {} messages, {:.1} MB, seed {}",
-        recorder.log.count(),
-        recorder.log.bytes() as f64 * 1e-6,
+        count,
+        bytes as f64 * 1e-6,
         args.seed
     );
     let mut config = String::new();
     if let Some((toml, count)) = landmarks {
         let beside = out.with_extension("landmarks.toml");
-        create(&beside, args.force)?.write_all(toml.as_bytes()).map_err(named)?;
+        write_whole(&beside, toml.as_bytes(), overwrite, READABLE)?;
         outln!("  {}: {count} markers and the camera", beside.display());
         config = format!(" --config {}", beside.display());
     }
@@ -222,27 +223,6 @@ fn plan(args: &SimulateArgs, name: &str) -> Result<(Scenario, SensorSuite), Fail
         suite.flow = None;
     }
     Ok((scenario, suite))
-}
-
-/// Opens a file to write.
-fn create(path: &Path, force: bool) -> Result<impl Write + use<>, Failure> {
-    if path.is_dir() {
-        return Err(Failure::Usage(format!("{}: this is a directory; --out names the log", path.display())));
-    }
-    let mut options = OpenOptions::new();
-    options.write(true);
-    if force {
-        options.create(true).truncate(true)
-    } else {
-        options.create_new(true)
-    };
-    match options.open(path) {
-        Ok(file) => Ok(BufWriter::with_capacity(1 << 18, file)),
-        Err(e) if e.kind() == ErrorKind::AlreadyExists && !force => {
-            Err(Failure::Usage(format!("{}: is there already; --force overwrites it", path.display())))
-        }
-        Err(e) => Err(Failure::Other(format!("{}: {e}", path.display()))),
-    }
 }
 
 fn progress_bar(duration_s: f64) -> ProgressBar {

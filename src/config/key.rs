@@ -164,6 +164,7 @@ typed! {
     crate::outbound::Covariance: Text,
     crate::outbound::Publish: Text,
     crate::wire::session::source_switch::SwitchedBy: Text,
+    crate::wire::signing::AcceptUnsigned: Text,
 }
 
 impl<T: Typed> Typed for Option<T> {

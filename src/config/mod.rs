@@ -25,6 +25,7 @@ use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
 use crate::wire::session::requests::StreamSettings;
 use crate::wire::session::source_switch::SwitchSettings;
+use crate::wire::signing::SigningSettings;
 
 pub use error::{ConfigError, Origin, Problem};
 pub use generated::{default_toml, reference_markdown};
@@ -49,6 +50,8 @@ pub struct Settings {
     pub sensor_endpoints: Vec<Endpoint>,
     /// Links.
     pub link: LinkSettings,
+    /// Whose frames are believed.
+    pub signing: SigningSettings,
     /// Messages to ask for.
     pub streams: StreamSettings,
     /// Navigation and output.

@@ -61,7 +61,8 @@ fn the_shipped_files_are_valid() {
 fn every_word_of_a_choice_can_be_chosen() {
     for (path, key) in nearest::keys() {
         for word in key.choices {
-            let loaded = load_with(&[&format!("{path}={word}")], &[]).unwrap();
+            // Refusing what is unsigned takes a key.
+            let loaded = load_with(&["signing.key_file=k", &format!("{path}={word}")], &[]).unwrap();
             let entry = loaded.in_force.into_iter().find(|e| e.path() == path).unwrap();
             assert_eq!(entry.value, *word);
         }
@@ -354,6 +355,9 @@ fn wrong_landmarks_and_cameras_are_named() {
 
 #[test]
 fn what_does_not_fit_together_is_refused() {
+    for word in ["never", "heartbeat"] {
+        refused(&format!("[signing]\naccept_unsigned = \"{word}\"\n"), &[":2: signing.accept_unsigned", "signing.key_file"]);
+    }
     refused("[tuning.link]\nreconnect_min_ms = 6000\n", &[":2: tuning.link.reconnect_min_ms is greater"]);
     refused("[tuning.gnss]\nrecover_s = 300\n", &["tuning.gnss.recover_far_s is less"]);
 }

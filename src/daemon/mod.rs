@@ -38,6 +38,7 @@ use crate::wire::session::heartbeat_fields::HeartbeatFields;
 use crate::wire::session::identity::{IdentityEvent, Sender};
 use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
 use crate::wire::session::transmitter::Transmitter;
+use crate::wire::signing::SigningWatch;
 
 use keeping::{Keeping, Moment};
 use severity::severity_of;
@@ -119,6 +120,7 @@ pub struct Daemon {
     watch: ImuWatch,
     beat: HeartbeatSender,
     keeping: Keeping,
+    signing: SigningWatch,
     solution: Option<Solution>,
     /// Age of the newest position when it comes to the autopilot, s, where that is known.
     age_s: Option<f64>,
@@ -151,6 +153,7 @@ impl Daemon {
             watch: ImuWatch::new(Span::from_seconds(settings.pipeline.navigator.imu.max_gap_s)),
             beat: HeartbeatSender::default(),
             keeping: Keeping::default(),
+            signing: SigningWatch::default(),
             solution: None,
             age_s: None,
             sending_told: None,
@@ -461,6 +464,9 @@ impl Daemon {
         if let Some(news) = self.watch.poll(now) {
             self.imu_news(news);
         }
+        if let Some(text) = self.signing.poll(now, &self.transmitter.handles().signing()) {
+            self.say(Severity::Warning, &text);
+        }
         let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
         self.keeping.keep(now, &self.pipeline, self.session.vehicle(), &moment);
         if self.summed.is_none_or(|(then, _)| now - then >= SUMMARY_PERIOD) {
@@ -508,7 +514,7 @@ impl Daemon {
         for stats in self.transmitter.handles().stats() {
             rejects.merge(&stats.rejects);
             inbound_dropped += stats.inbound_dropped;
-            unsent += stats.unsent_full + stats.unsent_stale;
+            unsent += stats.unsent_full + stats.unsent_stale + stats.unsent_unsigned;
         }
         let mut rates_hz = [0.0; SampleKind::ALL.len()];
         if let Some((then, before)) = self.summed {
@@ -538,6 +544,7 @@ impl Daemon {
             answered: self.session.answered(),
             words_withheld: self.status_texts.withheld(),
             reboots: self.decoder.clock().reboots(),
+            signing: self.transmitter.handles().signing(),
         }
     }
 }

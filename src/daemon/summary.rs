@@ -12,6 +12,7 @@ use crate::time::Span;
 use crate::wire::counters::Counters;
 use crate::wire::decode::Repairs;
 use crate::wire::session::fusion::Fusion;
+use crate::wire::signing::SigningCounts;
 
 /// What the daemon counted, at one moment.
 #[derive(Clone, Debug)]
@@ -56,6 +57,8 @@ pub struct Summary {
     pub words_withheld: u64,
     /// Reboots of the autopilot.
     pub reboots: u32,
+    /// What became of signatures.
+    pub signing: SigningCounts,
 }
 
 /// How it stands with the hand-over.
@@ -158,6 +161,7 @@ impl fmt::Display for Summary {
         for (i, (cause, n)) in self.rejects.seen().enumerate() {
             write!(f, "{} {n} {}", if i == 0 { "; rejected" } else { "," }, cause.label())?;
         }
+        write!(f, "{}", self.signing)?;
         for (repair, n) in self.repairs.seen() {
             write!(f, "; {n} {}", repair.label())?;
         }

@@ -45,6 +45,18 @@ pub enum Cause {
     /// The message tells of a frame of reference that is not what it is taken for.
     #[strum(serialize = "unusable frame of reference")]
     ForeignFrame,
+    /// The signature does not fit: another key, or a forged frame.
+    #[strum(serialize = "bad signature")]
+    BadSignature,
+    /// A signed frame was heard before, or a later one of its stream.
+    #[strum(serialize = "replayed")]
+    Replayed,
+    /// The first signed frame of a stream is more than a minute behind.
+    #[strum(serialize = "signature too old")]
+    OldSignature,
+    /// There is no signature, and there has to be one.
+    #[strum(serialize = "unsigned")]
+    Unsigned,
 }
 
 impl Cause {

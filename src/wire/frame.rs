@@ -163,6 +163,11 @@ impl<'a> Frame<'a> {
         self.version == MavlinkVersion::V1
     }
 
+    /// Whether a signature stands behind the checksum.
+    pub fn is_signed(&self) -> bool {
+        !self.is_mavlink1() && self.bytes[2] & FLAG_SIGNED != 0
+    }
+
     fn header_len(&self) -> usize {
         match self.version {
             MavlinkVersion::V1 => 6,
@@ -262,7 +267,7 @@ impl<'a> Frame<'a> {
 }
 
 /// `CRC_EXTRA` of a message that is known.
-fn extra_crc(id: u32) -> Option<u8> {
+pub(super) fn extra_crc(id: u32) -> Option<u8> {
     if id == gnss_integrity::ID {
         return Some(gnss_integrity::CRC_EXTRA);
     }

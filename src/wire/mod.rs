@@ -16,5 +16,6 @@ pub mod messages;
 pub mod read_ahead;
 mod running_crc;
 pub mod session;
+pub mod signing;
 pub mod tlog;
 pub mod tlog_writer;

@@ -63,12 +63,9 @@ impl<W: Write> TlogWriter<W> {
         self.bytes
     }
 
-    /// Flushes.
-    ///
-    /// # Errors
-    /// What the sink says.
-    pub fn finish(&mut self) -> io::Result<()> {
-        self.to.flush()
+    /// The sink, with all of it written.
+    pub fn into_sink(self) -> W {
+        self.to
     }
 }
 
@@ -87,7 +84,6 @@ mod tests {
         for i in 0..300 {
             writer.write(1_767_225_600_000_000 + i, &heartbeat(SystemStatus::Active, i as u32)).unwrap();
         }
-        writer.finish().unwrap();
         assert_eq!(writer.count(), 300);
         let written = writer.bytes();
         let mut reader = TlogReader::new(bytes.as_slice());

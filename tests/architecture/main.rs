@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 /// What each room may use besides itself. A room that is not here is a decision that somebody has to make: add it.
 const ROOMS: &[(&str, &[&str])] = &[
     ("time", &[]),
+    ("files", &[]),
     ("geo", &["time"]),
     ("sample", &["time", "geo"]),
     ("camera", &["geo", "sample", "time"]),
@@ -29,12 +30,12 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("report", &["geo", "metrics", "navigator", "sample", "time"]),
     ("sim", &["altimeter", "geo", "sample", "time"]),
     ("fault", &["geo", "sample", "time"]),
-    ("wire", &["geo", "navigator", "outbound", "sample", "time"]),
-    ("log", &["geo", "sample", "time", "wire"]),
+    ("wire", &["files", "geo", "navigator", "outbound", "sample", "time"]),
+    ("log", &["files", "geo", "sample", "time", "wire"]),
     ("double", &["geo", "sample", "sim", "time", "wire"]),
     ("pipeline", &["geo", "navigator", "outbound", "sample", "time", "wire"]),
     ("record", &["sample", "time", "wire"]),
-    ("state", &["navigator", "outbound", "time", "wire"]),
+    ("state", &["files", "navigator", "outbound", "time", "wire"]),
     (
         "config",
         &[
@@ -97,6 +98,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "daemon",
             "double",
             "fault",
+            "files",
             "geo",
             "log",
             "metrics",

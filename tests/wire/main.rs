@@ -14,3 +14,4 @@ mod live;
 mod paused;
 mod restart;
 mod sensor_link;
+mod signing;

@@ -14,6 +14,7 @@ mod link;
 mod navigator;
 mod observer;
 mod outbound;
+mod signing;
 mod start;
 mod state;
 mod streams;
@@ -44,6 +45,7 @@ pub(super) struct AllKeys {
     handover: handover::HandoverKeys,
     log: outbound::LogKeys,
     state: state::StateKeys,
+    signing: signing::SigningKeys,
     navigator: navigator::NavigatorKeys,
     holdover: holdover::HoldoverKeys,
     start: start::StartKeys,
@@ -81,6 +83,7 @@ struct Tuning {
 pub static SECTIONS: &[Section] = &[
     vehicle::VehicleKeys::SECTION,
     link::LinkKeys::SECTION,
+    signing::SigningKeys::SECTION,
     streams::StreamsKeys::SECTION,
     outbound::OutboundKeys::SECTION,
     handover::HandoverKeys::SECTION,
@@ -141,6 +144,7 @@ impl AllKeys {
             endpoints,
             sensor_endpoints,
             link: self.link.settings(&tuning.link),
+            signing: self.signing.settings(complain),
             streams: self.streams.settings(),
             statustext: self.outbound.statustext,
             source_switch: self.handover.settings(&tuning.handover, complain),

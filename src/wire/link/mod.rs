@@ -5,7 +5,8 @@
 //! holds, the newest frames at the expense of the oldest, and nothing that has waited too long. After start-up no error ends a
 //! link: it is opened again, with growing pauses, until the [`CancellationToken`] says to stop.
 //!
-//! Frames are checked for damage here and for nothing else. Signatures are not verified.
+//! Frames are checked for damage here, and at the gate of [`crate::wire::signing`] for their signatures, which is also where what goes out
+//! is signed.
 
 mod arrival;
 mod backoff;
@@ -38,6 +39,7 @@ use super::companion_clock::CompanionClock;
 use super::endpoint::Endpoint;
 use super::frame::{Frame, SystemId};
 use super::frame_bytes::FrameBytes;
+use super::signing::{SigningCounts, SigningGate};
 use crate::time::{Companion, Stamp};
 use arrival::Attendance;
 use shared::Shared;
@@ -100,6 +102,8 @@ pub struct LinkConfig {
     pub system: Option<SystemId>,
     /// The links from this number on are for sensors: whoever sends a measurement there pins its UDP peer.
     pub sensors_from: usize,
+    /// What every frame passes, in and out.
+    pub signing: Arc<SigningGate>,
 }
 
 impl Default for LinkConfig {
@@ -117,6 +121,7 @@ impl Default for LinkConfig {
             backoff_cap: Duration::from_secs(5),
             system: None,
             sensors_from: usize::MAX,
+            signing: Arc::default(),
         }
     }
 }
@@ -323,6 +328,11 @@ impl LinkHandles {
     /// The statistics of every link, as they are now.
     pub fn stats(&self) -> Vec<LinkStats> {
         self.links.iter().map(|l| l.stats()).collect()
+    }
+
+    /// What was counted of signatures, on all links.
+    pub fn signing(&self) -> SigningCounts {
+        self.links.first().map_or_else(SigningCounts::default, |l| l.config.signing.counts())
     }
 
     /// Waits until all tasks have ended, after a cancellation.

@@ -22,6 +22,8 @@ pub enum SendOutcome {
     LinkDown,
     /// There is no link of that number.
     NoSuchLink,
+    /// It could not be signed, and there is a key; it was dropped.
+    NotSigned,
 }
 
 /// A bounded queue with one reader.

@@ -189,7 +189,24 @@ impl Shared {
         }
     }
 
+    /// Whether a frame may decide who the peer is.
+    pub(super) fn is_genuine(&self, frame: &Frame<'_>) -> bool {
+        self.config.signing.is_genuine(frame, self.is_for_sensors())
+    }
+
+    /// Whether a frame's signature lets it in; one that is refused is counted.
+    pub(super) fn admits(&self, frame: &Frame<'_>) -> bool {
+        let verdict = self.config.signing.admit(frame, self.is_for_sensors(), self.clock.unix_us());
+        if let Err(cause) = verdict {
+            self.inner().stats.rejects.count(cause);
+        }
+        verdict.is_ok()
+    }
+
     fn frame(&self, frame: &Frame<'_>, received: Stamp<Companion>, known: bool) {
+        if !self.admits(frame) {
+            return;
+        }
         let delivered = FrameBytes::new(frame.bytes()).is_some_and(|bytes| {
             self.inbound.try_send(ReceivedFrame { link: self.id, received, bytes, known }).is_ok()
         });
@@ -222,9 +239,13 @@ impl Shared {
     }
 
     pub(super) fn send_since(&self, frame: FrameBytes, since: Stamp<Companion>) -> SendOutcome {
+        let Some(frame) = self.config.signing.sign(frame, self.id.0, self.clock.unix_us()) else {
+            self.inner().stats.unsent_unsigned += 1;
+            return SendOutcome::NotSigned;
+        };
         let outcome = self.outbound.push(frame, since);
         match outcome {
-            SendOutcome::Queued | SendOutcome::NoSuchLink => {}
+            SendOutcome::Queued | SendOutcome::NoSuchLink | SendOutcome::NotSigned => {}
             SendOutcome::QueuedOldestDropped => self.inner().stats.unsent_full += 1,
             SendOutcome::LinkDown => self.inner().stats.unsent_down += 1,
         }

@@ -52,6 +52,8 @@ pub struct LinkStats {
     pub unsent_full: u64,
     /// Frames not sent because they had waited too long.
     pub unsent_stale: u64,
+    /// Frames not sent because they could not be signed.
+    pub unsent_unsigned: u64,
     /// Datagrams, or connections, from others than the peer.
     pub wrong_peer: u64,
     /// Datagrams from before an autopilot was heard.
@@ -124,6 +126,7 @@ impl LinkStats {
             unsent_down: 0,
             unsent_full: 0,
             unsent_stale: 0,
+            unsent_unsigned: 0,
             wrong_peer: 0,
             unpinned: 0,
             reconnects: 0,

@@ -171,7 +171,9 @@ fn datagram_from(
     }
     deframe(datagram, &mut RunningCrc::new(), |found| match found {
         // Before an autopilot was heard, frames are not to be trusted, but garbage is worth counting.
-        Found::Frame(_) | Found::Unknown(_) if verdict == PinVerdict::Unpinned => {}
+        Found::Frame(frame) | Found::Unknown(frame) if verdict == PinVerdict::Unpinned => {
+            shared.admits(&frame);
+        }
         found => shared.found(found, received),
     });
 }
@@ -183,6 +185,9 @@ fn look_through(datagram: &[u8], shared: &Shared) -> (bool, bool) {
     deframe(datagram, &mut RunningCrc::new(), |found| {
         if let Found::Frame(frame) = found {
             valid = true;
+            if !shared.is_genuine(&frame) {
+                return;
+            }
             if shared.is_for_sensors() {
                 pins |= from_any_component(frame.message_id());
                 return;

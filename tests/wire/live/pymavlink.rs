@@ -61,3 +61,15 @@ pub fn decode(bytes: &[u8]) -> Vec<Value> {
     let text = String::from_utf8(output.stdout).unwrap();
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
+
+/// Runs `sign.py` with these arguments over `bytes`; what it prints.
+pub fn sign(arguments: &[&str], bytes: &[u8]) -> Vec<u8> {
+    let python = python();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), bytes).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/live/sign.py");
+    let input = std::fs::File::open(file.path()).unwrap();
+    let output = alone(python).arg(script).args(arguments).stdin(input).output().unwrap();
+    assert!(output.status.success(), "pymavlink: {}", String::from_utf8_lossy(&output.stderr));
+    output.stdout
+}
