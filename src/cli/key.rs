@@ -193,6 +193,21 @@ impl HandingOver {
         }
         self.signs |= from_autopilot && self.vehicle == Some(frame.system()) && is_signed_with(frame, key);
     }
+
+    /// Who signs with the key, that was sent so many times, or why nobody does.
+    fn outcome(&self, args: &SetupArgs, sent: u32) -> Result<SystemId, Failure> {
+        match self.vehicle {
+            _ if self.others => {
+                Err(Failure::Usage("several autopilots are heard: say which is meant, --system ID".into()))
+            }
+            Some(vehicle) if self.signs && sent > 0 => Ok(vehicle),
+            Some(vehicle) => Err(Failure::Other(format!(
+                "system {} was sent the key {sent} times, and does not sign with it: is it armed, or does it sign with another (--present-key)?",
+                vehicle.0
+            ))),
+            None => Err(Failure::Link(format!("no autopilot was heard at {} in {} s", args.link, args.wait))),
+        }
+    }
 }
 
 async fn hand_over(
@@ -213,7 +228,7 @@ async fn hand_over(
     let mut tick = interval(TICK);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut state = HandingOver::default();
-    let (mut ticks, mut sent) = (0u32, 0);
+    let (mut ticks, mut sent) = (0u32, 0u32);
     let ends = clock.now() + crate::time::Span::from_millis(i64::from(args.wait) * 1000);
     while clock.now() < ends && !(state.signs && sent > 0) {
         tokio::select! {
@@ -243,17 +258,5 @@ async fn hand_over(
         }
     }
     close.cancel();
-    match (state.vehicle, state.others, state.signs && sent > 0) {
-        (_, true, _) => {
-            Err(Failure::Usage("several autopilots are heard: say which is meant, --system ID".into()))
-        }
-        (Some(vehicle), _, true) => Ok(vehicle),
-        (Some(vehicle), _, false) => Err(Failure::Other(format!(
-            "system {} was sent the key {sent} times, and does not sign with it: is it armed, or does it sign with another (--present-key)?",
-            vehicle.0
-        ))),
-        (None, ..) => {
-            Err(Failure::Link(format!("no autopilot was heard at {} in {} s", args.link, args.wait)))
-        }
-    }
+    state.outcome(args, sent)
 }

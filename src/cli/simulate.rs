@@ -166,12 +166,7 @@ fn write_log(args: &SimulateArgs, name: &str, out: &Path) -> Result<(), Failure>
     bar.finish_and_clear();
     let path = out.display();
     outln!("{path}: {summary}");
-    outln!(
-        "  {duration_s:.1} s, {} messages, {:.1} MB, seed {}",
-        count,
-        bytes as f64 * 1e-6,
-        args.seed
-    );
+    outln!("  {duration_s:.1} s, {} messages, {:.1} MB, seed {}", count, bytes as f64 * 1e-6, args.seed);
     let mut config = String::new();
     if let Some((toml, count)) = landmarks {
         let beside = out.with_extension("landmarks.toml");

@@ -356,7 +356,10 @@ fn wrong_landmarks_and_cameras_are_named() {
 #[test]
 fn what_does_not_fit_together_is_refused() {
     for word in ["never", "heartbeat"] {
-        refused(&format!("[signing]\naccept_unsigned = \"{word}\"\n"), &[":2: signing.accept_unsigned", "signing.key_file"]);
+        refused(
+            &format!("[signing]\naccept_unsigned = \"{word}\"\n"),
+            &[":2: signing.accept_unsigned", "signing.key_file"],
+        );
     }
     refused("[tuning.link]\nreconnect_min_ms = 6000\n", &[":2: tuning.link.reconnect_min_ms is greater"]);
     refused("[tuning.gnss]\nrecover_s = 300\n", &["tuning.gnss.recover_far_s is less"]);

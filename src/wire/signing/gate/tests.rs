@@ -1,3 +1,5 @@
+//! What passes the gate, and what does not.
+
 use super::*;
 use crate::wire::frame::{ComponentId, SystemId};
 use crate::wire::session::Address;
