@@ -153,7 +153,11 @@ impl Failure {
 
 impl From<std::io::Error> for Failure {
     fn from(e: std::io::Error) -> Self {
-        Failure::Other(e.to_string())
+        // What is in an output's place is for the command line to say.
+        match e.kind() {
+            std::io::ErrorKind::AlreadyExists => Failure::Usage(e.to_string()),
+            _ => Failure::Other(e.to_string()),
+        }
     }
 }
 

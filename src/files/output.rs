@@ -130,7 +130,7 @@ fn may_take(path: &Path, overwrite: Overwrite) -> io::Result<()> {
     } else if there.is_symlink() {
         refused("is a link: nothing is written through links")
     } else if there.is_dir() {
-        refused("is a folder")
+        refused("is a directory")
     } else if !there.is_file() {
         refused("is no file")
     } else if overwrite == Overwrite::Never {

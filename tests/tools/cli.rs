@@ -163,7 +163,7 @@ fn values_that_cannot_be_are_counted_and_never_reach_the_solution() {
         assert!(hit > 500);
         let path = write_log(d.path(), "wild.tlog", &bytes_of(&log));
         let out = d.path().join("out");
-        let report = replay_json(&path, &["--outage", "90..110", "--out", out.to_str().unwrap()]);
+        let report = replay_json(&path, &["--outage", "90..110", "--force", "--out", out.to_str().unwrap()]);
         assert!(modes(&report).contains(&"Aided"), "{report}");
         let text = replay(&path, &[]).out;
         assert!(text.contains("not finite") && text.contains("absurd"), "{text}");

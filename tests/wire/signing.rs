@@ -291,7 +291,7 @@ fn keys_are_made_imported_told_apart_and_not_overwritten() {
     assert_eq!(std::fs::metadata(&new).unwrap().permissions().mode() & 0o777, 0o600);
     let before = std::fs::read(&new).unwrap();
     let (code, _, told) = holdover(&["key", "new", &new], b"");
-    assert!(code == 1 && told.contains("--force") && told.contains(&new), "{told}");
+    assert!(code == 2 && told.contains("--force") && told.contains(&new), "{told}");
     assert_eq!(std::fs::read(&new).unwrap(), before);
 
     let digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
