@@ -52,6 +52,11 @@ impl Attendance {
         self.clock.now()
     }
 
+    /// The time of day, µs since 1970.
+    pub(super) fn unix_us(&self) -> i64 {
+        self.clock.unix_us()
+    }
+
     /// The time now, at which the links are attended to.
     fn attend(&self) -> Stamp<Companion> {
         let now = self.clock.now();

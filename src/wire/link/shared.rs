@@ -196,7 +196,7 @@ impl Shared {
 
     /// Whether a frame's signature lets it in; one that is refused is counted.
     pub(super) fn admits(&self, frame: &Frame<'_>) -> bool {
-        let verdict = self.config.signing.admit(frame, self.is_for_sensors(), self.clock.unix_us());
+        let verdict = self.config.signing.admit(frame, self.is_for_sensors(), self.attendance.unix_us());
         if let Err(cause) = verdict {
             self.inner().stats.rejects.count(cause);
         }
@@ -239,7 +239,7 @@ impl Shared {
     }
 
     pub(super) fn send_since(&self, frame: FrameBytes, since: Stamp<Companion>) -> SendOutcome {
-        let Some(frame) = self.config.signing.sign(frame, self.id.0, self.clock.unix_us()) else {
+        let Some(frame) = self.config.signing.sign(frame, self.id.0, self.attendance.unix_us()) else {
             self.inner().stats.unsent_unsigned += 1;
             return SendOutcome::NotSigned;
         };
