@@ -23,6 +23,7 @@ use crate::pipeline::PipelineSettings;
 use crate::state::StateDirectory;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::SystemId;
+use crate::wire::link::LinkLimits;
 use crate::wire::session::requests::StreamSettings;
 use crate::wire::session::source_switch::SwitchSettings;
 use crate::wire::signing::SigningSettings;
@@ -79,6 +80,10 @@ pub struct LinkSettings {
     pub queue_frames: usize,
     /// What waited longer for a slow link is dropped, ms.
     pub stale_output_ms: u64,
+    /// How long an autopilot's heartbeats must come from a UDP address before it is answered, ms.
+    pub peer_confirm_ms: u64,
+    /// How much a peer, or a stranger, may ask of a link.
+    pub limits: LinkLimits,
 }
 
 /// Where settings come from, in the order in which they override each other.

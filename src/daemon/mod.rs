@@ -30,7 +30,7 @@ use crate::wire::decode::Decoder;
 use crate::wire::encode::encode;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::{Frame, SystemId};
-use crate::wire::link::{LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
+use crate::wire::link::{Excess, LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
 use crate::wire::messages::from_any_component;
 use crate::wire::session::autopilot::AutopilotSession;
 use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus, heartbeat};
@@ -83,6 +83,8 @@ pub fn link_config(settings: &Settings) -> LinkConfig {
         // Far fewer frames go out than come in.
         outbound_capacity: (l.queue_frames / 16).max(16),
         max_queue_age: Duration::from_millis(l.stale_output_ms),
+        limits: l.limits,
+        peer_confirm: Duration::from_millis(l.peer_confirm_ms),
         peer_silence: Duration::try_from_secs_f64(l.peer_timeout_s).unwrap_or(Duration::from_secs(5)),
         backoff_first: Duration::from_millis(l.reconnect_min_ms),
         backoff_cap: Duration::from_millis(l.reconnect_max_ms),
@@ -447,6 +449,8 @@ impl Daemon {
             self.transmitter.broadcast(&beat);
         }
         self.follow_standing(now);
+        let outage = matches!(self.pipeline.navigator.mode(), Mode::Holdover | Mode::Rejoining);
+        self.transmitter.handles().hold(outage);
         let situation = self.situation();
         let due = self.session.poll(now, &situation);
         for message in &due.messages {
@@ -480,8 +484,15 @@ impl Daemon {
         let (link, kind) = (event.link, &event.kind);
         let told = self.retry_told.get_mut(link.0);
         match kind {
-            LinkEventKind::Up { .. } | LinkEventKind::PeerPinned { .. } => {
-                tracing::info!("{link}: {kind}");
+            LinkEventKind::Up { .. }
+            | LinkEventKind::PeerPinned { .. }
+            | LinkEventKind::PeerFollowed { .. }
+            | LinkEventKind::PeerReplaced { .. } => {
+                if matches!(kind, LinkEventKind::PeerReplaced { .. }) {
+                    tracing::warn!("{link}: {kind}");
+                } else {
+                    tracing::info!("{link}: {kind}");
+                }
                 if let Some(told) = told {
                     *told = false;
                 }
@@ -511,10 +522,13 @@ impl Daemon {
         let mut rejects = self.decoder.counters().clone();
         rejects.add(Cause::WrongSystem, self.session.wrong_system());
         let (mut inbound_dropped, mut unsent) = (0, 0);
+        let (mut strangers, mut excess) = (0, Excess::default());
         for stats in self.transmitter.handles().stats() {
             rejects.merge(&stats.rejects);
             inbound_dropped += stats.inbound_dropped;
             unsent += stats.unsent_full + stats.unsent_stale + stats.unsent_unsigned;
+            strangers += stats.wrong_peer;
+            excess.add(&stats.excess);
         }
         let mut rates_hz = [0.0; SampleKind::ALL.len()];
         if let Some((then, before)) = self.summed {
@@ -539,6 +553,8 @@ impl Daemon {
             duplicates: self.counts.duplicates,
             sensor_frames: self.counts.sensor_frames,
             inbound_dropped,
+            strangers,
+            excess,
             unsent,
             timesync: self.session.timesync(),
             answered: self.session.answered(),

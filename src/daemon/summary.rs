@@ -11,6 +11,7 @@ use crate::sample::SampleKind;
 use crate::time::Span;
 use crate::wire::counters::Counters;
 use crate::wire::decode::Repairs;
+use crate::wire::link::Excess;
 use crate::wire::session::fusion::Fusion;
 use crate::wire::signing::SigningCounts;
 
@@ -47,6 +48,10 @@ pub struct Summary {
     pub sensor_frames: [u64; 2],
     /// Frames dropped because the daemon did not keep up.
     pub inbound_dropped: u64,
+    /// Datagrams and connections of others than the peers.
+    pub strangers: u64,
+    /// What links did not take because there was too much of it.
+    pub excess: Excess,
     /// Frames not sent because the link did not keep up.
     pub unsent: u64,
     /// Autopilot clock less ours, and the shortest round trip.
@@ -134,6 +139,9 @@ impl Summary {
             (self.late, "late"),
             (self.duplicates, "duplicates"),
             (self.inbound_dropped, "dropped on the way in"),
+            (self.strangers, "datagrams or connections of strangers"),
+            (self.excess.frames, "frames too many"),
+            (self.excess.unsearched_bytes, "garbage bytes too many"),
             (self.unsent, "dropped on the way out"),
             (self.words_withheld, "words withheld"),
             (u64::from(self.reboots), "reboots"),

@@ -12,6 +12,7 @@ mod hand_over;
 mod links;
 mod live;
 mod paused;
+mod peers;
 mod restart;
 mod sensor_link;
 mod signing;

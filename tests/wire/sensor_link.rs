@@ -57,7 +57,14 @@ async fn flow_and_distance_of_a_camera_on_its_own_link_carry_an_outage() {
     let camera = UdpSocket::bind("127.0.0.1:0").await.unwrap();
     // It calls itself an autopilot's component of another system, and is none.
     let mut writer = FrameWriter::new(Address { system: SystemId(42), component: ComponentId(1) });
-    autopilot.send_to(flight.heartbeat(), to_autopilots).await.unwrap();
+    // The autopilot is there before the camera: measurements without its clock are of no use.
+    for _ in 0..100 {
+        if holdover.told("following") > 0 {
+            break;
+        }
+        autopilot.send_to(flight.heartbeat(), to_autopilots).await.unwrap();
+        sleep(Duration::from_millis(30)).await;
+    }
     flight
         .play(0.0, 100.0, SPEED, async |burst: &[u8]| {
             let (own, seen) = split(burst, &mut writer);

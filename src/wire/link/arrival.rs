@@ -308,6 +308,8 @@ mod tests {
         let to = socket.local_addr().unwrap();
         let mut arrivals = DatagramArrivals::new(&attendance, &socket);
         let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        // The kernel begins to stamp a moment after it was first asked to.
+        std::thread::sleep(Duration::from_millis(100));
         let mut buffer = [0; 100];
         let before = clock.now();
         sender.send_to(b"first", to).unwrap();

@@ -13,14 +13,46 @@ pub(super) enum Found<'a> {
     Unknown(Frame<'a>),
     /// `n` bytes of garbage, or one damaged frame.
     Reject { cause: Cause, n: u64 },
+    /// So many bytes were not searched.
+    Unsearched(u64),
 }
 
-/// Calls `each` for everything in a datagram.
+/// Calls `each` for everything in a datagram: the frames that stand one after the other from its start, as all do that well-behaved senders
+/// make, and then, if `may_search` allows it for so many bytes, whatever is found behind them.
 ///
 /// `crc` is kept by the caller for its memory.
-pub(super) fn deframe(datagram: &[u8], crc: &mut RunningCrc, each: impl FnMut(Found<'_>)) {
+pub(super) fn deframe(
+    datagram: &[u8],
+    crc: &mut RunningCrc,
+    may_search: impl FnOnce(usize) -> bool,
+    mut each: impl FnMut(Found<'_>),
+) {
     crc.restart();
-    search(datagram, 0, true, crc, each);
+    let mut done = 0;
+    let rest = loop {
+        let Some(rest) = datagram.get(done..).filter(|rest| !rest.is_empty()) else { return };
+        done += match judge(rest, done as u64, true, crc) {
+            Scan::Frame(frame) => {
+                each(Found::Frame(frame));
+                frame.len()
+            }
+            Scan::Unknown(frame) => {
+                each(Found::Unknown(frame));
+                frame.len()
+            }
+            Scan::Skip { .. } | Scan::Incomplete => break rest,
+        };
+    };
+    if may_search(rest.len()) {
+        search(rest, done as u64, true, crc, each);
+    } else {
+        each(Found::Unsearched(rest.len() as u64));
+    }
+}
+
+/// What stands at the start of `bytes`, which begin at `at` in a run of bytes.
+fn judge<'a>(bytes: &'a [u8], at: u64, at_end: bool, crc: &mut RunningCrc) -> Scan<'a> {
+    scan_by(bytes, at_end, |frame, extra| frame.agrees_with(crc, extra, bytes, at, 0))
 }
 
 /// Calls `each` for everything in `bytes`, which begin at `at` in a run of bytes; returns how many are done with. With `at_end` that is
@@ -36,8 +68,7 @@ fn search(
 ) -> usize {
     let mut done = 0;
     while let Some(rest) = bytes.get(done..).filter(|rest| !rest.is_empty()) {
-        let from = at + done as u64;
-        done += match scan_by(rest, at_end, |frame, extra| frame.agrees_with(crc, extra, rest, from, 0)) {
+        done += match judge(rest, at + done as u64, at_end, crc) {
             Scan::Frame(frame) => {
                 each(Found::Frame(frame));
                 frame.len()
@@ -118,7 +149,7 @@ mod tests {
         match found {
             Found::Frame(f) => list.push(Owned::Frame(f.bytes().to_vec())),
             Found::Unknown(f) => list.push(Owned::Unknown(f.bytes().to_vec())),
-            Found::Reject { cause: Cause::Garbage, n } => *garbage += n,
+            Found::Reject { cause: Cause::Garbage, n } | Found::Unsearched(n) => *garbage += n,
             Found::Reject { .. } => list.push(Owned::Damaged),
         }
     }
@@ -175,11 +206,11 @@ mod tests {
         #[test]
         fn a_datagram_is_used_to_its_end(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
             let mut covered = 0;
-            deframe(&bytes, &mut RunningCrc::new(), |found| covered += match found {
+            deframe(&bytes, &mut RunningCrc::new(), |_| true, |found| covered += match found {
                 Found::Frame(f) | Found::Unknown(f) => f.len(),
                 // The search goes on at the damaged frame's second byte.
                 Found::Reject { cause: Cause::BadChecksum, .. } => 1,
-                Found::Reject { n, .. } => n as usize,
+                Found::Reject { n, .. } | Found::Unsearched(n) => n as usize,
             });
             prop_assert_eq!(covered, bytes.len());
         }
@@ -228,7 +259,7 @@ mod tests {
         ) {
             let datagram: Vec<u8> = pieces.into_iter().flatten().collect();
             let (mut list, mut garbage) = (Vec::new(), 0);
-            deframe(&datagram, &mut RunningCrc::new(), |found| collect(&mut list, &mut garbage, found));
+            deframe(&datagram, &mut RunningCrc::new(), |_| true, |found| collect(&mut list, &mut garbage, found));
             prop_assert_eq!((list, garbage), plainly(&datagram));
         }
     }
@@ -246,7 +277,7 @@ mod tests {
     fn hostile_bytes_cost_a_constant_each() {
         for bytes in hostile() {
             let mut crc = RunningCrc::new();
-            deframe(&bytes, &mut crc, |_| {});
+            deframe(&bytes, &mut crc, |_| true, |_| {});
             assert!(crc.cost <= 6 * bytes.len(), "{} for {:02x?}", crc.cost, &bytes[..10]);
             let mut deframer = Deframer::new();
             for chunk in bytes.chunks(997) {
@@ -258,11 +289,24 @@ mod tests {
     }
 
     #[test]
+    fn frames_in_front_are_found_where_the_rest_is_not_searched() {
+        let mut datagram = frames(3).concat();
+        datagram.extend([0xFE; 5000]);
+        datagram.extend(&frames(1)[0]);
+        let (mut list, mut garbage) = (Vec::new(), 0);
+        let mut crc = RunningCrc::new();
+        deframe(&datagram, &mut crc, |_| false, |found| collect(&mut list, &mut garbage, found));
+        assert_eq!(list, frames(3).into_iter().map(Owned::Frame).collect::<Vec<_>>());
+        assert_eq!(garbage as usize, 5000 + frames(1)[0].len());
+        assert!(crc.cost < 500, "{}", crc.cost);
+    }
+
+    #[test]
     fn a_false_start_at_the_end_of_a_datagram_hides_no_frame() {
         let mut datagram = vec![0xFD, 200, 0];
         datagram.extend(&frames(1)[0]);
         let (mut list, mut garbage) = (Vec::new(), 0);
-        deframe(&datagram, &mut RunningCrc::new(), |found| collect(&mut list, &mut garbage, found));
+        deframe(&datagram, &mut RunningCrc::new(), |_| true, |found| collect(&mut list, &mut garbage, found));
         assert_eq!((list, garbage), (vec![Owned::Frame(frames(1).remove(0))], 3));
     }
 }

@@ -37,10 +37,35 @@ pub enum LinkEventKind {
         /// Pause before the next attempt.
         after: Duration,
     },
-    /// An autopilot's heartbeat pinned this UDP peer: the link is up and answers nobody else.
+    /// An autopilot was heard from this UDP peer for long enough: the link is up and answers nobody else.
     PeerPinned {
         /// Its address.
         peer: String,
+    },
+    /// When a peer was pinned, others looked like autopilots, too.
+    RivalsHeard {
+        /// The one that is answered.
+        peer: String,
+        /// How many others there were.
+        rivals: usize,
+    },
+    /// The autopilot of the pinned peer is heard from another address, by its clock since boot, and answered there.
+    PeerFollowed {
+        /// The address before.
+        from: String,
+        /// The address now.
+        to: String,
+    },
+    /// Another peer took the place of one that was silent or had no IMU messages.
+    PeerReplaced {
+        /// The address before.
+        from: String,
+        /// The address now.
+        to: String,
+        /// Whether it was silent; else it had no IMU messages.
+        silent: bool,
+        /// For how long.
+        lasted: Span,
     },
     /// The pinned UDP peer was silent for too long: the link is down until an autopilot is heard, from anywhere.
     PeerReleased {
@@ -70,6 +95,20 @@ impl fmt::Display for LinkEventKind {
             Self::PeerPinned { peer } => {
                 write!(f, "an autopilot was heard at {peer}, and nobody else is answered")
             }
+            Self::RivalsHeard { peer, rivals } => write!(
+                f,
+                "{rivals} other {} seemed to be an autopilot, too, before {peer} was chosen",
+                if *rivals == 1 { "address" } else { "addresses" }
+            ),
+            Self::PeerFollowed { from, to } => {
+                write!(f, "the autopilot at {from} is heard at {to} now, and answered there")
+            }
+            Self::PeerReplaced { from, to, silent, lasted } => write!(
+                f,
+                "{from} {} for {:.1} s, and {to} takes its place",
+                if *silent { "was silent" } else { "had no IMU messages" },
+                lasted.seconds()
+            ),
             Self::PeerReleased { peer, silent } => {
                 write!(
                     f,

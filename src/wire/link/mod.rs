@@ -10,6 +10,9 @@
 
 mod arrival;
 mod backoff;
+mod boot_clock;
+mod bucket;
+mod candidate;
 mod deframer;
 mod event;
 mod pin;
@@ -20,7 +23,10 @@ mod session;
 mod shared;
 mod stats;
 mod tcp;
+mod throttle;
 mod udp;
+mod udp_line;
+mod udp_server;
 
 use std::fmt;
 use std::sync::Arc;
@@ -33,7 +39,7 @@ use tokio_util::task::TaskTracker;
 pub use event::{LinkEvent, LinkEventKind};
 pub use queue::SendOutcome;
 pub use route::ReplyRoute;
-pub use stats::{LinkState, LinkStats, SourceStats};
+pub use stats::{Excess, LinkState, LinkStats, SourceStats};
 
 use super::companion_clock::CompanionClock;
 use super::endpoint::Endpoint;
@@ -86,7 +92,11 @@ pub struct LinkConfig {
     pub event_capacity: usize,
     /// A frame that waited longer is not sent any more: a stale pose misleads the autopilot.
     pub max_queue_age: Duration,
-    /// A UDP peer, or a TCP client, that is silent for longer may be replaced by another.
+    /// How much a peer, or a stranger, may ask of a link.
+    pub limits: LinkLimits,
+    /// How long an autopilot's heartbeats must come from a UDP address before it is answered; with IMU messages, a quarter of it.
+    pub peer_confirm: Duration,
+    /// A UDP peer, or a TCP client, that is silent for longer, or has no IMU messages, may be replaced by another.
     pub peer_silence: Duration,
     /// A TCP connection that is silent for longer is closed and opened anew: a host that lost its power says no goodbye.
     pub tcp_silence: Duration,
@@ -106,6 +116,23 @@ pub struct LinkConfig {
     pub signing: Arc<SigningGate>,
 }
 
+/// How much a peer, or a stranger, may ask of a link: far more than any real one does. What is beyond is dropped and counted.
+#[derive(Clone, Copy, Debug)]
+pub struct LinkLimits {
+    /// Frames of one sender that are passed on, 1/s.
+    pub frames_per_s: f64,
+    /// Bytes that are searched for frames where no frame stands at once, bytes/s; a stream of bytes is read no faster.
+    pub search_bytes_per_s: f64,
+    /// Datagrams of strangers that are taken note of while the pinned peer is heard, 1/s. The kernel drops the others.
+    pub strangers_per_s: f64,
+}
+
+impl Default for LinkLimits {
+    fn default() -> Self {
+        Self { frames_per_s: 10_000.0, search_bytes_per_s: 4e6, strangers_per_s: 200.0 }
+    }
+}
+
 impl Default for LinkConfig {
     fn default() -> Self {
         Self {
@@ -113,6 +140,8 @@ impl Default for LinkConfig {
             outbound_capacity: 64,
             event_capacity: 64,
             max_queue_age: Duration::from_millis(200),
+            limits: LinkLimits::default(),
+            peer_confirm: Duration::from_secs(2),
             peer_silence: Duration::from_secs(5),
             tcp_silence: Duration::from_secs(15),
             write_stall: Duration::from_secs(5),
@@ -144,12 +173,6 @@ pub enum OpenError {
         /// The endpoint.
         endpoint: Endpoint,
     },
-    /// The address to listen at is not one of this machine.
-    #[error("{endpoint}: this machine has no such address to listen at")]
-    NoSuchAddress {
-        /// The endpoint.
-        endpoint: Endpoint,
-    },
     /// The address to listen at cannot be resolved.
     #[error("{endpoint}: the host cannot be resolved: {source}")]
     CannotResolve {
@@ -163,14 +186,6 @@ pub enum OpenError {
     PermissionDenied {
         /// The endpoint.
         endpoint: Endpoint,
-    },
-    /// The serial device is not there.
-    #[error("{endpoint}: there is no device {device}")]
-    NoDevice {
-        /// The endpoint.
-        endpoint: Endpoint,
-        /// The device's name.
-        device: String,
     },
     /// The serial device is held by another program.
     #[error("{endpoint}: {device} is in use by another program")]
@@ -209,7 +224,7 @@ pub struct LinkHandles {
 }
 
 enum Transport {
-    UdpIn(udp::UdpServer),
+    UdpIn(udp_server::UdpServer),
     UdpOut(udp::UdpClient),
     TcpIn(tcp::TcpServer),
     TcpOut(tcp::TcpClient),
@@ -219,7 +234,7 @@ enum Transport {
 impl Links {
     /// Binds and opens every endpoint, then starts a task for each. The tasks end when `cancel` is cancelled.
     ///
-    /// Listening addresses and serial devices must be there; what is connected *to* need not be yet.
+    /// What is not there yet is waited for: a serial device, a network, whoever is connected *to*.
     ///
     /// # Errors
     /// What only a person can put right, before any task is started: [`OpenError`].
@@ -275,7 +290,9 @@ fn chooses_its_port(endpoint: &Endpoint) -> bool {
 impl Transport {
     async fn open(endpoint: &Endpoint) -> Result<Transport, OpenError> {
         Ok(match endpoint {
-            Endpoint::UdpIn(address) => Transport::UdpIn(udp::UdpServer::bind(endpoint, address).await?),
+            Endpoint::UdpIn(address) => {
+                Transport::UdpIn(udp_server::UdpServer::bind(endpoint, address).await?)
+            }
             Endpoint::UdpOut(address) => Transport::UdpOut(udp::UdpClient::new(address)),
             Endpoint::TcpIn(address) => Transport::TcpIn(tcp::TcpServer::bind(endpoint, address).await?),
             Endpoint::TcpOut(address) => Transport::TcpOut(tcp::TcpClient::new(address)),
@@ -322,6 +339,14 @@ impl LinkHandles {
     pub fn send_all(&self, frame: FrameBytes) {
         for link in self.links.iter() {
             link.send(frame);
+        }
+    }
+
+    /// While it is held, an autopilot that falls silent is not given up for another one, unless that goes on with the same clock since boot:
+    /// to be told in an outage.
+    pub fn hold(&self, held: bool) {
+        for link in self.links.iter() {
+            link.hold(held);
         }
     }
 

@@ -7,9 +7,10 @@ use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
 use tokio::time::timeout;
 
 use super::arrival::StreamArrivals;
+use super::bucket::Bucket;
 use super::deframer::Deframer;
 use super::event::LinkEventKind;
-use super::shared::Shared;
+use super::shared::{Rejects, Shared};
 
 /// Carries frames over `stream` until it breaks; returns why. With `silence`, a stream that is silent for longer is broken.
 ///
@@ -31,6 +32,8 @@ async fn read_all<R: AsyncRead + Unpin>(
     silence: Option<Duration>,
 ) -> String {
     let mut deframer = Deframer::new();
+    let per_s = shared.config.limits.search_bytes_per_s;
+    let mut bytes = Bucket::new(per_s, per_s / 10.0);
     let mut arrivals = StreamArrivals::new(shared.attendance());
     loop {
         let reading = arrivals.read(reader, deframer.space());
@@ -45,7 +48,16 @@ async fn read_all<R: AsyncRead + Unpin>(
             Ok((0, _)) => return "the other end closed it".to_owned(),
             Ok((n, arrived)) => {
                 shared.read(n);
-                deframer.advance(n, |found| shared.found(found, arrived));
+                let mut rejects = Rejects::default();
+                deframer.advance(n, |found| {
+                    shared.found(&found, arrived, &mut rejects);
+                });
+                shared.rejected(&rejects);
+                // A stream is read no faster than this: who writes more has to wait.
+                let now = shared.now();
+                if !bytes.take(n, now) {
+                    tokio::time::sleep(bytes.wait(n)).await;
+                }
             }
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return format!("reading failed: {error}"),

@@ -1,6 +1,7 @@
 //! What the tasks of a link and its handles share: counters, queues and state.
 
 use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -8,16 +9,20 @@ use tokio::sync::mpsc;
 
 use super::arrival::Attendance;
 use super::backoff::Backoff;
-use super::deframer::Found;
+use super::candidate::Evidence;
+use super::deframer::{Found, deframe};
 use super::event::{LinkEvent, LinkEventKind};
+use super::pin::PinPolicy;
 use super::queue::{OutboundQueue, SendOutcome};
 use super::stats::{LinkState, LinkStats};
+use super::throttle::Throttle;
 use super::{LinkConfig, LinkId, ReceivedFrame};
 use crate::time::{Companion, Span, Stamp};
-use crate::wire::counters::Cause;
+use crate::wire::counters::{Cause, Counters};
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::Frame;
 use crate::wire::frame_bytes::FrameBytes;
+use crate::wire::running_crc::RunningCrc;
 
 /// One link.
 #[derive(Debug)]
@@ -29,14 +34,34 @@ pub(super) struct Shared {
     inbound: mpsc::Sender<ReceivedFrame>,
     events: mpsc::Sender<LinkEvent>,
     inner: Mutex<Inner>,
+    held: AtomicBool,
 }
 
 #[derive(Debug)]
 struct Inner {
     stats: LinkStats,
+    throttle: Throttle,
+    measured: Option<Stamp<Companion>>,
     was_up: bool,
     troubled: bool,
     stranger_told: bool,
+}
+
+/// What of some bytes is no frame.
+#[derive(Debug, Default)]
+pub(super) struct Rejects {
+    counters: Counters,
+    unsearched_bytes: u64,
+}
+
+impl Rejects {
+    pub(super) fn note(&mut self, found: &Found<'_>) {
+        match found {
+            Found::Frame(_) | Found::Unknown(_) => {}
+            Found::Reject { cause, n } => self.counters.add(*cause, *n),
+            Found::Unsearched(n) => self.unsearched_bytes += n,
+        }
+    }
 }
 
 pub(super) fn span(duration: Duration) -> Span {
@@ -60,7 +85,15 @@ impl Shared {
             outbound: OutboundQueue::new(config.outbound_capacity, span(config.max_queue_age)),
             inbound,
             events,
-            inner: Mutex::new(Inner { stats, was_up: false, troubled: false, stranger_told: false }),
+            inner: Mutex::new(Inner {
+                stats,
+                throttle: Throttle::new(&config.limits),
+                measured: None,
+                was_up: false,
+                troubled: false,
+                stranger_told: false,
+            }),
+            held: AtomicBool::new(false),
         }
     }
 
@@ -106,7 +139,7 @@ impl Shared {
     }
 
     /// The link can carry frames to `peer` from now on.
-    pub(super) fn up(&self, peer: String, event: fn(String) -> LinkEventKind) {
+    pub(super) fn up(&self, peer: String, event: impl FnOnce(String) -> LinkEventKind) {
         {
             let mut inner = self.inner();
             if std::mem::replace(&mut inner.was_up, true) {
@@ -160,11 +193,12 @@ impl Shared {
         }
     }
 
-    /// A sender that is not the peer.
-    pub(super) fn stranger(&self, peer: SocketAddr) {
+    /// A sender that is not the peer, of a datagram of so many bytes.
+    pub(super) fn stranger(&self, peer: SocketAddr, bytes: usize) {
         let first = {
             let mut inner = self.inner();
             inner.stats.wrong_peer += 1;
+            inner.stats.excess.stranger_bytes += bytes as u64;
             !std::mem::replace(&mut inner.stranger_told, true)
         };
         if first {
@@ -172,21 +206,59 @@ impl Shared {
         }
     }
 
-    pub(super) fn unpinned(&self) {
+    /// A datagram from before anybody was pinned.
+    pub(super) fn unpinned(&self, rejects: &Rejects) {
         self.inner().stats.unpinned += 1;
+        self.rejected(rejects);
     }
 
     pub(super) fn read(&self, bytes: usize) {
         self.inner().stats.bytes_in += bytes as u64;
     }
 
-    /// Counts what was found in the peer's bytes, and passes frames on. Never waits.
-    pub(super) fn found(&self, found: Found<'_>, received: Stamp<Companion>) {
-        match found {
-            Found::Frame(frame) => self.frame(&frame, received, true),
-            Found::Unknown(frame) => self.frame(&frame, received, false),
-            Found::Reject { cause, n } => self.inner().stats.rejects.add(cause, n),
+    /// Whether the autopilot on the link must not be mistaken for another now.
+    pub(super) fn is_held(&self) -> bool {
+        self.held.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn hold(&self, held: bool) {
+        self.held.store(held, Ordering::Relaxed);
+    }
+
+    /// Passes on the frames in a datagram of the peer, tells `heard` of those that are genuine, and counts what is none. Never waits.
+    pub(super) fn datagram(
+        &self,
+        datagram: &[u8],
+        crc: &mut RunningCrc,
+        received: Stamp<Companion>,
+        mut heard: impl FnMut(&Frame<'_>),
+    ) {
+        let mut rejects = Rejects::default();
+        let may_search = |n| self.inner().throttle.may_search(n, received);
+        deframe(datagram, crc, may_search, |found| {
+            let admitted = self.found(&found, received, &mut rejects);
+            if let (Found::Frame(frame), true) = (&found, admitted) {
+                heard(frame);
+            }
+        });
+        self.rejected(&rejects);
+    }
+
+    /// Passes a frame on, or counts what is none in `rejects`; whether it is a frame that may come in. Never waits.
+    pub(super) fn found(&self, found: &Found<'_>, received: Stamp<Companion>, rejects: &mut Rejects) -> bool {
+        let (frame, known) = match found {
+            Found::Frame(frame) => (frame, true),
+            Found::Unknown(frame) => (frame, false),
+            found => {
+                rejects.note(found);
+                return false;
+            }
+        };
+        let admitted = self.admits(frame);
+        if admitted {
+            self.frame(frame, received, known);
         }
+        admitted
     }
 
     /// Whether a frame may decide who the peer is.
@@ -203,25 +275,51 @@ impl Shared {
         verdict.is_ok()
     }
 
+    pub(super) fn rejected(&self, rejects: &Rejects) {
+        let stats = &mut self.inner().stats;
+        stats.rejects.merge(&rejects.counters);
+        stats.excess.unsearched_bytes += rejects.unsearched_bytes;
+    }
+
     fn frame(&self, frame: &Frame<'_>, received: Stamp<Companion>, known: bool) {
-        if !self.admits(frame) {
+        let mut inner = self.inner();
+        let inner = &mut *inner;
+        let stats = &mut inner.stats;
+        stats.follow(frame, known);
+        if !inner.throttle.admits(frame, known, received) {
+            stats.excess.frames += 1;
             return;
         }
         let delivered = FrameBytes::new(frame.bytes()).is_some_and(|bytes| {
             self.inbound.try_send(ReceivedFrame { link: self.id, received, bytes, known }).is_ok()
         });
-        let mut inner = self.inner();
-        let stats = &mut inner.stats;
         stats.frames_in += 1;
         stats.inbound_dropped += u64::from(!delivered);
-        stats.follow(frame, known);
         if known {
             stats.rejects.frames += 1;
             stats.last_heard = Some(received);
             inner.troubled = false;
+            if Evidence::of(frame, &self.pin_policy()) == Some(Evidence::Measurement) {
+                inner.measured = Some(received);
+            }
         } else {
             stats.rejects.count(Cause::UnknownId);
         }
+    }
+
+    /// How a peer of this link is chosen.
+    pub(super) fn pin_policy(&self) -> PinPolicy {
+        PinPolicy {
+            system: self.config.system,
+            for_sensors: self.is_for_sensors(),
+            confirm: span(self.config.peer_confirm),
+            silence: span(self.config.peer_silence),
+        }
+    }
+
+    /// When the last measurement came.
+    pub(super) fn last_measured(&self) -> Option<Stamp<Companion>> {
+        self.inner().measured
     }
 
     /// Frames received so far.

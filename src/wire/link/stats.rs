@@ -56,6 +56,8 @@ pub struct LinkStats {
     pub unsent_unsigned: u64,
     /// Datagrams, or connections, from others than the peer.
     pub wrong_peer: u64,
+    /// What was not taken because there was too much of it.
+    pub excess: Excess,
     /// Datagrams from before an autopilot was heard.
     pub unpinned: u64,
     /// Times that the link came up again after it had been down.
@@ -68,6 +70,26 @@ pub struct LinkStats {
     pub sources: Vec<SourceStats>,
     /// Frames of senders beyond the first [`SourceStats::MAX`], whose losses are not followed.
     pub sources_overflow: u64,
+}
+
+/// What was not taken because there was too much of it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Excess {
+    /// Frames of the peer beyond [`super::LinkLimits::frames_per_s`].
+    pub frames: u64,
+    /// Bytes of the peer that are no frame, and were not searched for one: beyond [`super::LinkLimits::search_bytes_per_s`].
+    pub unsearched_bytes: u64,
+    /// Bytes in datagrams of others than the peer.
+    pub stranger_bytes: u64,
+}
+
+impl Excess {
+    /// Adds another link's.
+    pub fn add(&mut self, other: &Self) {
+        self.frames += other.frames;
+        self.unsearched_bytes += other.unsearched_bytes;
+        self.stranger_bytes += other.stranger_bytes;
+    }
 }
 
 /// Frames of one sender on a link.
@@ -128,6 +150,7 @@ impl LinkStats {
             unsent_stale: 0,
             unsent_unsigned: 0,
             wrong_peer: 0,
+            excess: Excess::default(),
             unpinned: 0,
             reconnects: 0,
             io_errors: 0,

@@ -11,7 +11,11 @@ use super::event::LinkEventKind;
 use super::session::{Connect, keep_connected, serve};
 use super::shared::{Shared, span};
 use super::{OpenError, udp};
+use crate::time::{Companion, Stamp};
 use crate::wire::endpoint::{Endpoint, HostPort};
+
+/// Pause after a client was turned away: connections that come by the thousand take no core.
+const TURNED_AWAY: Duration = Duration::from_millis(20);
 
 /// Connects to a server.
 #[derive(Debug)]
@@ -49,25 +53,50 @@ impl Connect for TcpClient {
     }
 }
 
-/// Listens, and serves one client at a time. Another is turned away, unless the one that is served has fallen silent.
+/// Listens, and serves one client at a time. Another is turned away, unless the one that is served has fallen silent
+/// or has no IMU messages.
 #[derive(Debug)]
 pub(super) struct TcpServer {
-    listener: TcpListener,
+    addresses: Vec<SocketAddr>,
+    listener: Option<TcpListener>,
 }
 
 impl TcpServer {
     pub(super) async fn bind(endpoint: &Endpoint, address: &HostPort) -> Result<Self, OpenError> {
         let resolved = lookup_host((address.host(), address.port())).await;
         let addresses: Vec<SocketAddr> = resolved.map_err(udp::cannot_resolve(endpoint))?.collect();
-        let listener = TcpListener::bind(&addresses[..]).await.map_err(udp::bind_error(endpoint))?;
-        Ok(Self { listener })
+        let listener = udp::unless_too_early(TcpListener::bind(&addresses[..]).await, endpoint)?;
+        Ok(Self { addresses, listener })
     }
 
     pub(super) fn local(&self) -> Option<SocketAddr> {
-        self.listener.local_addr().ok()
+        self.listener.as_ref()?.local_addr().ok()
     }
 
     pub(super) async fn run(self, shared: &Shared) {
+        let mut backoff = shared.backoff();
+        let mut bound = self.listener;
+        let listener = loop {
+            match bound.take() {
+                Some(listener) => break listener,
+                None => match TcpListener::bind(&self.addresses[..]).await {
+                    Ok(listener) => bound = Some(listener),
+                    Err(error) => shared.pause(&mut backoff, error.to_string()).await,
+                },
+            }
+        };
+        shared.set_local(listener.local_addr().ok());
+        Listening { listener }.serve(shared).await;
+    }
+}
+
+/// A server whose address is there.
+struct Listening {
+    listener: TcpListener,
+}
+
+impl Listening {
+    async fn serve(&self, shared: &Shared) {
         let mut next = None;
         loop {
             let (stream, peer) = match next.take() {
@@ -80,8 +109,8 @@ impl TcpServer {
             shared.up(peer.to_string(), |peer| LinkEventKind::Up { peer });
             let reason = tokio::select! {
                 reason = serve(stream, shared, Some(shared.config.tcp_silence)) => reason,
-                client = self.successor(shared) => {
-                    let reason = format!("silent, and {} takes its place", client.1);
+                client = self.successor(peer, shared) => {
+                    let reason = format!("silent or without IMU messages, and {} takes its place", client.1);
                     next = Some(client);
                     reason
                 }
@@ -104,16 +133,25 @@ impl TcpServer {
         }
     }
 
-    /// Turns clients away until the one that is served has been silent for long enough; returns the one that came then.
-    async fn successor(&self, shared: &Shared) -> (TcpStream, SocketAddr) {
+    /// Turns clients away while the one that is served is live: heard, and with measurements. Returns the one that came when it was not.
+    async fn successor(&self, served: SocketAddr, shared: &Shared) -> (TcpStream, SocketAddr) {
         let connected = shared.now();
+        let patience = span(shared.config.peer_silence);
         loop {
             let client = self.accept(shared).await;
-            let heard = shared.last_heard().map_or(connected, |heard| heard.max(connected));
-            if shared.now() - heard > span(shared.config.peer_silence) {
+            let since = |heard: Option<Stamp<Companion>>| {
+                shared.now() - heard.map_or(connected, |heard| heard.max(connected))
+            };
+            let silent = since(shared.last_heard()) > patience;
+            let idle = !shared.is_for_sensors() && since(shared.last_measured()) > patience;
+            // In an outage nobody from elsewhere takes the autopilot's place.
+            let may = !shared.is_held() || client.1.ip() == served.ip();
+            if (silent || idle) && may {
                 return client;
             }
-            shared.stranger(client.1);
+            shared.stranger(client.1, 0);
+            drop(client);
+            tokio::time::sleep(TURNED_AWAY).await;
         }
     }
 }

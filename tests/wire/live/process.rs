@@ -44,6 +44,7 @@ impl Holdover {
             .arg("run")
             // The flights are played many times as fast as they were flown, so queues and patience must be larger in proportion.
             .args(["--set", "tuning.link.queue_frames=16384", "--set", "tuning.link.stale_output_ms=3000"])
+            .args(["--set", "tuning.link.peer_confirm_ms=50", "--set", "tuning.link.max_frames_hz=200000"])
             .args(args)
             .args(forgetful)
             .env_remove("HOLDOVER_LOG")
