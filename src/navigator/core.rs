@@ -256,6 +256,7 @@ impl Core {
             self.estimator.relocate(&-walked);
             self.timeline.reset(&Reset::Relocated);
             self.published.stays(&-walked);
+            self.witnesses.unexplained.undone();
             self.events.tell(now, EventKind::WalkedBack(walked.norm()));
         }
         if let (GnssFault::ContradictsInertia, Some(since)) = (fault, facts.lying_since) {

@@ -122,6 +122,9 @@ pub(super) fn spare(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime
         if walks_along(core, sources, &reading) {
             return Err(GnssFault::ContradictsFlow);
         }
+        if core.integrity.walks_with(&sources.gnss.spare.wander()) {
+            return Err(GnssFault::Inconsistent);
+        }
         if reading.velocity_ne.is_some_and(|v| sources.gnss.steps.is_shared_by(&v)) {
             return Err(GnssFault::ContradictsInertia);
         }

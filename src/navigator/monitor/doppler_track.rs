@@ -10,8 +10,9 @@ use crate::time::{AutopilotTime, Span};
 
 use super::usual::UsualSpread;
 use crate::navigator::tuning::doppler_track::{
-    DECADES, DISTINCT, DRIFT_MPS, FIRM, JITTER_S, LEAST_STEP_M, LEAST_WALK_M, LEAST_WALK_MPS, MARK_S, MARKS,
-    MATCHES, MEMORY, SETTLE_S, SLACK_S, STEP_MEMORY, STEP_SIGMA_M, WANDER_M, WINDOWS_S,
+    DECADES, DISTINCT, DRIFT_MPS, FIRM, GOES_ON_DECADES, GOES_ON_S, JITTER_S, LEAST_STEP_M, LEAST_WALK_M,
+    LEAST_WALK_MPS, MARK_S, MARKS, MATCHES, MEMORY, SETTLE_S, SLACK_S, STEP_MEMORY, STEP_SIGMA_M, WANDER_M,
+    WINDOWS_S,
 };
 
 /// How the positions moved, by the velocities.
@@ -58,6 +59,8 @@ pub(in super::super) struct DopplerTrack {
     /// What is older is not compared: there was a step.
     since: Option<AutopilotTime>,
     run_away_ne: Vector2<f64>,
+    /// What the newest fix has moved beyond its velocities over the window that shows most of it, NE, m.
+    wander_ne: Vector2<f64>,
     /// Sum of the steps since it was accepted, NE, m, and whether it has run away since.
     steps_ne: Vector2<f64>,
     ran: bool,
@@ -80,6 +83,7 @@ impl DopplerTrack {
             step: UsualSpread::expecting(STEP_SIGMA_M * STEP_SIGMA_M, FIRM),
             since: None,
             run_away_ne: Vector2::zeros(),
+            wander_ne: Vector2::zeros(),
             steps_ne: Vector2::zeros(),
             ran: false,
             was_sound: false,
@@ -90,7 +94,7 @@ impl DopplerTrack {
     pub(in super::super) fn forget(&mut self) {
         self.marks.clear();
         (self.oldest, self.newest, self.since) = (0, None, None);
-        self.run_away_ne = Vector2::zeros();
+        (self.run_away_ne, self.wander_ne) = (Vector2::zeros(), Vector2::zeros());
         (self.steps_ne, self.ran, self.was_sound) = (Vector2::zeros(), false, false);
         self.nothing_pends();
     }
@@ -98,6 +102,11 @@ impl DopplerTrack {
     /// How far the positions have run away from the velocities over the window that showed it, NE, m.
     pub(in super::super) fn run_away(&self) -> Vector2<f64> {
         self.run_away_ne
+    }
+
+    /// How far the positions are from where the velocities lead, over the window that shows most of it, NE, m: beyond doubt or not.
+    pub(in super::super) fn wander(&self) -> Vector2<f64> {
+        self.wander_ne
     }
 
     /// Mean square of the step from fix to fix beyond the velocity's, an axis, m².
@@ -260,13 +269,25 @@ impl DopplerTrack {
             last_s = age;
         }
         let mut ran_away = None;
+        self.wander_ne = Vector2::zeros();
         for (k, from) in from.into_iter().enumerate() {
             let Some((from, change)) = from else { continue };
             let d = (deviation(here, &from) - JITTER_S * change).max(0.0);
+            if d > self.wander_ne.norm() {
+                self.wander_ne = gap(here, &from).normalize() * d;
+            }
             let window = &mut self.windows[k];
-            if d > window.usual.limit(DECADES).sqrt().max(LEAST_WALK_M + LEAST_WALK_MPS * WINDOWS_S[k]) {
-                self.run_away_ne = gap(here, &from);
-                ran_away = Some(from.time);
+            let walk_mps = LEAST_WALK_MPS * WINDOWS_S[k];
+            let limit = window.usual.limit(DECADES).sqrt().max(LEAST_WALK_M + walk_mps);
+            // Who has run away goes on with it as long as it looks like that, and not only beyond doubt.
+            let goes_on = self.ran && WINDOWS_S[k] <= GOES_ON_S;
+            let limit = if goes_on {
+                limit.min(window.usual.limit(GOES_ON_DECADES).sqrt().max(walk_mps))
+            } else {
+                limit
+            };
+            if d > limit {
+                ran_away = Some(ran_away.unwrap_or(here.time).min(from.time));
             } else if window.due.is_none_or(|due| here.time >= due) && here.sound {
                 if let Some(squared) = window.pending.replace(d * d) {
                     window.usual.learn(squared, MEMORY);
@@ -276,6 +297,8 @@ impl DopplerTrack {
             }
         }
         if let Some(since) = ran_away {
+            // A walk that is found over one window began before it, where a longer one shows more.
+            self.run_away_ne = self.wander_ne;
             self.nothing_pends();
             // It was on its way already.
             self.marks.iter_mut().filter(|m| m.time > since).for_each(|m| m.sound = false);

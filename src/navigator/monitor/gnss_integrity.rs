@@ -443,6 +443,17 @@ impl GnssIntegrity {
         self.walked_ne
     }
 
+    /// How far its positions are from where its velocities lead at present, NE, m.
+    pub(in super::super) fn wander(&self) -> Vector2<f64> {
+        self.track.wander()
+    }
+
+    /// Whether a receiver beside it has moved from its own velocities as this one has, which is not trusted for that.
+    pub(in super::super) fn walks_with(&self, wander_ne: &Vector2<f64>) -> bool {
+        self.state == GnssState::Untrusted(GnssFault::Inconsistent)
+            && wander_ne.dot(&self.walked_ne) > 0.5 * self.walked_ne.norm_squared()
+    }
+
     /// Another witness has found that it walks off, and has walked so far, NE, m.
     pub fn walks(&mut self, walked_ne: Vector2<f64>) {
         self.walked_ne = walked_ne;

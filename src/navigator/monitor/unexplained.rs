@@ -17,6 +17,8 @@ pub(in super::super) struct Unexplained {
     returned: Option<(AutopilotTime, Vector2<f64>)>,
     /// How far it was seen to jump since then, m.
     jumped_m: Option<f64>,
+    /// When its positions were furthest from where its velocities lead, as far as that is not forgotten, and by how much, NE, m.
+    wandered: Option<(AutopilotTime, Vector2<f64>)>,
 }
 
 impl Unexplained {
@@ -28,25 +30,46 @@ impl Unexplained {
     /// The receiver is believed again, `apart_ne` m from a dead reckoning that claimed `sigma_m`.
     pub(in super::super) fn came_back(&mut self, now: AutopilotTime, apart_ne: &Vector2<f64>, sigma_m: f64) {
         let apart_m = apart_ne.norm();
-        let drifted = (apart_m.powi(2) - (EXPLAINED_SIGMAS * sigma_m).powi(2)).max(0.0).sqrt();
+        let drifted = beyond(apart_m, sigma_m);
         let jumped = self.jumped_m.take().filter(|jump| apart_m > 0.5 * jump);
         let rest_m = jumped.map_or(drifted, |jump| drifted.max(jump.min(apart_m)));
         if rest_m.is_finite() && rest_m > 0.0 {
-            self.returned = Some((now, self.left(now) + apart_ne * (rest_m / apart_m)));
+            self.returned = Some((now, left(self.returned, now) + apart_ne * (rest_m / apart_m)));
         }
     }
 
-    /// What of it is left, NE, m.
-    fn left(&self, now: AutopilotTime) -> Vector2<f64> {
-        self.returned.map_or(Vector2::zeros(), |(then, rest_ne)| {
-            rest_ne * (-now.seconds_since(then).max(0.0) / FORGOTTEN_S).exp()
-        })
+    /// A receiver that is navigated on is `wander_ne` m from where its own velocities lead, and claims `sigma_m`. One of the two is wrong, and the estimate
+    /// follows the positions: what the claim does not explain may be its error.
+    pub(in super::super) fn wanders(&mut self, now: AutopilotTime, wander_ne: &Vector2<f64>, sigma_m: f64) {
+        let rest_m = beyond(wander_ne.norm(), sigma_m);
+        let wandered = left(self.wandered, now).norm();
+        if rest_m.is_finite() && rest_m > wandered {
+            self.wandered = Some((now, wander_ne.normalize() * rest_m));
+        }
+    }
+
+    /// What it had wandered was taken back.
+    pub(in super::super) fn undone(&mut self) {
+        self.wandered = None;
     }
 
     /// Variance of a component of the horizontal position, m².
     pub(in super::super) fn variance(&self, now: Option<AutopilotTime>) -> f64 {
-        now.map_or(0.0, |now| 0.5 * self.left(now).norm_squared())
+        let square = |rest, now| left(rest, now).norm_squared();
+        now.map_or(0.0, |now| 0.5 * (square(self.returned, now) + square(self.wandered, now)))
     }
+}
+
+/// What of a deviation a sigma does not explain, m.
+fn beyond(apart_m: f64, sigma_m: f64) -> f64 {
+    (apart_m.powi(2) - (EXPLAINED_SIGMAS * sigma_m).powi(2)).max(0.0).sqrt()
+}
+
+/// What is left of something that was not explained then, NE, m.
+fn left(then: Option<(AutopilotTime, Vector2<f64>)>, now: AutopilotTime) -> Vector2<f64> {
+    then.map_or(Vector2::zeros(), |(then, rest_ne)| {
+        rest_ne * (-now.seconds_since(then).max(0.0) / FORGOTTEN_S).exp()
+    })
 }
 
 #[cfg(test)]

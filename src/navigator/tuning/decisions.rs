@@ -91,6 +91,9 @@ pub(in crate::navigator) mod doppler_track {
     pub(in crate::navigator) const MEMORY: f64 = 60.0;
     /// Beyond what would happen once in 10^7 windows it is a fault: multipath has longer tails than a normal distribution.
     pub(in crate::navigator) const DECADES: f64 = 7.0;
+    /// One that has run away still does beyond what would happen once in a hundred, over windows up to this, s.
+    pub(in crate::navigator) const GOES_ON_DECADES: f64 = 2.0;
+    pub(in crate::navigator) const GOES_ON_S: f64 = 10.0;
     /// Receivers filter position and velocity differently: so many seconds of the change of the velocity are no lie.
     pub(in crate::navigator) const SLACK_S: f64 = 0.25;
     /// And their latency varies by this much, s: of the greatest change of the velocity since.
