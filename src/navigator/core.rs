@@ -261,6 +261,7 @@ impl Core {
         }
         if let (GnssFault::ContradictsInertia, Some(since)) = (fault, facts.lying_since) {
             flow_judge::take_back(self, since);
+            self.witnesses.unexplained.undone();
         }
         self.estimator.hold_over();
         // Gliding on without GNSS would be a wrong velocity: where it was published to be is where it is, plus what is missing.

@@ -235,7 +235,9 @@ impl Navigator {
         };
         heading_turn::witness(&mut self.core, &mut self.sources, now, reading, None);
         let core = &mut self.core;
-        core.witnesses.unexplained.wanders(now, &core.integrity.wander(), reading.claimed_m);
+        for led in [core.integrity.wander(), self.sources.gnss.steps.may_have_led(reading.measured)] {
+            core.witnesses.unexplained.wanders(now, &led, reading.claimed_m);
+        }
         // A receiver that comes back at another height is not where it says.
         let height_m = -reading.position_ned.z;
         let gate = core.settings.gnss.trust.gate_sigma;

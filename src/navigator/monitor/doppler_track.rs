@@ -359,6 +359,23 @@ mod tests {
     }
 
     #[test]
+    fn what_it_wanders_is_known_before_it_is_a_walk_and_one_that_goes_on_stays_one() {
+        let mut track = DopplerTrack::new();
+        fly(0.0, 300.0, &mut track, honest);
+        assert!(track.wander().norm() < 2.5, "{}", track.wander());
+        let walk = |t: f64| Vector2::new(0.3, 0.4) * (t - 300.0).clamp(0.0, 40.0);
+        assert_eq!(fly(300.0, 308.0, &mut track, walk), None, "it is not beyond doubt yet");
+        assert!((track.wander() - walk(308.0)).norm() < 2.0, "{} {}", track.wander(), walk(308.0));
+        let found = fly(308.0, 340.0, &mut track, walk).unwrap();
+        let next = |t: f64, track: &mut DopplerTrack| fly(t, t + 0.1, track, walk);
+        let on = (0..100).filter(|k| next(found + 0.2 * f64::from(k + 1), &mut track).is_some()).count();
+        assert_eq!(on, 100);
+        let since = found + 20.2;
+        fly(since, 352.0, &mut track, walk);
+        assert_eq!(fly(352.0, 360.0, &mut track, walk), None, "it stands still again");
+    }
+
+    #[test]
     fn a_jump_is_found_at_once_and_its_end_is_known_from_its_standing() {
         let mut track = DopplerTrack::new();
         assert_eq!(fly(0.0, 60.0, &mut track, honest), None);

@@ -113,4 +113,19 @@ mod tests {
         u.came_back(at(30.0), &Vector2::new(2.0, 0.0), 4.0);
         assert!(sigma(&u, 30.0) < 0.5);
     }
+
+    #[test]
+    fn who_wanders_is_doubted_as_far_as_he_has_gone_at_most_until_it_is_taken_back() {
+        let mut u = Unexplained::default();
+        let gone = Vector2::new(3.0, -4.0);
+        u.wanders(at(0.0), &gone, 2.5);
+        assert_eq!(sigma(&u, 0.0), 0.0, "it claims no more");
+        u.wanders(at(1.0), &gone, 1.5);
+        assert!((sigma(&u, 1.0) - 4.0).abs() < 1e-9);
+        u.wanders(at(2.0), &(gone * 0.5), 0.0);
+        u.wanders(at(3.0), &Vector2::repeat(f64::NAN), 0.0);
+        assert!((3.9..4.0).contains(&sigma(&u, 3.0)), "what was less or is no number changes nothing");
+        u.undone();
+        assert_eq!(sigma(&u, 3.0), 0.0);
+    }
 }

@@ -5,6 +5,8 @@
 //! that goes wrong makes is a kink, d = c + a t + k·(t − θ)₊. Both are fitted by least squares for every θ of the last seconds; the step is a lie where it
 //! explains more than is usual for this receiver ([`UsualSpread`]), more than any kink does, and more than a heading that is off makes of the change of velocity.
 //!
+//! What is far from usual and not beyond doubt is no charge: how far it has led, if it is a lie, is a part of what is claimed of the position.
+//!
 //! A lie stands until the velocity steps back, or until whatever else carries knows the velocity well enough to see that GNSS agrees with it again; until
 //! the receiver is silent for a while, and comes back like any other; and for as long as it leads further off than the position is uncertain without it.
 
@@ -12,9 +14,9 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::usual::UsualSpread;
 use crate::navigator::tuning::velocity_step::{
-    BACK, BACK_S, CLEAR_OF, DECADES, FIRM, HOLE_S, KNOWN, LEARN_S, LEARNED, LEAST_LED_M, LEAST_MPS,
-    LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S, SAMPLES, SPACING_S, SPREAD,
-    START_NOISE_MPS, WINDOW_S, YOUNGEST_S,
+    BACK, BACK_S, CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_S, FIRM, HOLE_S, KNOWN, LEARN_S, LEARNED,
+    LEAST_LED_M, LEAST_MPS, LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S, SAMPLES,
+    SPACING_S, SPREAD, START_NOISE_MPS, WINDOW_S, YOUNGEST_S,
 };
 use crate::time::{AutopilotTime, Span};
 
@@ -52,6 +54,13 @@ struct FixWithImpulse {
     velocity: Vector2<f64>,
 }
 
+impl FixWithImpulse {
+    /// I, which a lie is no part of.
+    fn impulse(&self) -> Vector2<f64> {
+        self.velocity - self.difference
+    }
+}
+
 /// A step at a time.
 #[derive(Clone, Copy, Debug)]
 struct VelocityStep {
@@ -75,6 +84,8 @@ pub(in super::super) struct VelocitySteps {
     learn_due: Option<AutopilotTime>,
     look_due: Option<AutopilotTime>,
     lie: Option<VelocityLie>,
+    /// What may be one.
+    doubt: Option<VelocityLie>,
     /// For how long GNSS has agreed with what carries, s.
     agrees_since: Option<AutopilotTime>,
 }
@@ -90,8 +101,14 @@ impl VelocitySteps {
             learn_due: None,
             look_due: None,
             lie: None,
+            doubt: None,
             agrees_since: None,
         }
+    }
+
+    /// How far the receiver has led away by now, if what is not beyond doubt is a lie, NE, m.
+    pub(in super::super) fn may_have_led(&self, now: AutopilotTime) -> Vector2<f64> {
+        self.doubt.map_or(Vector2::zeros(), |d| d.step * now.seconds_since(d.since).max(0.0))
     }
 
     /// What is held against the receiver.
@@ -108,7 +125,7 @@ impl VelocitySteps {
     /// Nothing is known of this receiver any more, or nothing that could judge it.
     pub(in super::super) fn forget(&mut self) {
         self.felt.clear();
-        self.lie = None;
+        (self.lie, self.doubt) = (None, None);
         self.agrees_since = None;
     }
 
@@ -120,7 +137,7 @@ impl VelocitySteps {
             self.epoch = s.epoch;
         }
         if hole {
-            self.lie = None;
+            (self.lie, self.doubt) = (None, None);
         }
         if self.felt.last().is_some_and(|f| s.time.seconds_since(f.time) < SPACING_S) {
             return;
@@ -136,7 +153,7 @@ impl VelocitySteps {
         self.felt.retain(|f| s.time.seconds_since(f.time) < WINDOW_S);
         match self.lie {
             None if s.judged => self.judge(s),
-            None => {}
+            None => self.doubt = None,
             Some(lie) => self.come_back(s, &lie),
         }
     }
@@ -149,15 +166,21 @@ impl VelocitySteps {
         let Some((step, kink, plain)) = self.fit(s.time) else { return };
         let noise = self.noise.max(LEAST_NOISE_MPS * LEAST_NOISE_MPS);
         let square = step.gain / noise;
-        let found = self.learned >= LEARNED
-            && square > self.usual.limit(DECADES)
-            && step.size.norm() > LEAST_MPS
-            && (step.gain - kink) / noise > CLEAR_OF
-            && step.left < LEAVES * step.gain;
-        if found {
-            self.lie = Some(VelocityLie { since: step.since, step: step.size });
+        let looks_like_it =
+            self.learned >= LEARNED && step.size.norm() > LEAST_MPS && (step.gain - kink) / noise > CLEAR_OF;
+        let begun = VelocityLie { since: step.since, step: step.size };
+        if looks_like_it && step.left < LEAVES * step.gain && square > self.usual.limit(DECADES) {
+            (self.lie, self.doubt) = (Some(begun), None);
             self.agrees_since = None;
             return;
+        }
+        self.doubt = self.doubt.filter(|d| s.time.seconds_since(d.since) < DOUBT_S && !steps_back(&step, d));
+        if looks_like_it
+            && step.left < step.gain
+            && self.doubt.is_none()
+            && square > self.usual.limit(DOUBT_DECADES)
+        {
+            self.doubt = Some(begun);
         }
         let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
         self.noise += NOISE_GAIN * ((plain / degrees).min(9.0 * noise) - self.noise);
@@ -170,9 +193,7 @@ impl VelocitySteps {
 
     /// Whether the lie has ended.
     fn come_back(&mut self, s: &FeltVelocity, lie: &VelocityLie) {
-        let stepped_back = self.fit(s.time).is_some_and(|(step, ..)| {
-            (step.size + lie.step).norm() < BACK * lie.step.norm() && step.gain > step.left
-        });
+        let stepped_back = self.fit(s.time).is_some_and(|(step, ..)| steps_back(&step, lie));
         // What carries knows better than half the step.
         let known = s.sigma < KNOWN * lie.step.norm();
         let agrees = s.error.is_some_and(|e| known && e.norm() < BACK * lie.step.norm());
@@ -210,10 +231,22 @@ impl VelocitySteps {
     }
 }
 
-/// Numbers that are fitted whatever happened: c and a on both axes, and a turn and a scale of what was felt.
-const NUISANCES: usize = 6;
+/// İ at a fix, from its neighbours, m/s².
+fn acceleration(felt: &[FixWithImpulse], at: usize) -> Vector2<f64> {
+    let (before, after) = (at.saturating_sub(1), (at + 1).min(felt.len().saturating_sub(1)));
+    let (before, after) = (&felt[before], &felt[after]);
+    (after.impulse() - before.impulse()) / after.time.seconds_since(before.time).max(1e-3)
+}
 
-/// What is left of the differences when c, a, a turn ψ and a scale ε of the change of velocity are taken out, d = c + a t + ψ J v + ε v, and an orthonormal
+/// Whether a step takes a lie away.
+fn steps_back(step: &VelocityStep, lie: &VelocityLie) -> bool {
+    (step.size + lie.step).norm() < BACK * lie.step.norm() && step.gain > step.left
+}
+
+/// Numbers that are fitted whatever happened: c and a on both axes, and a turn, a scale and a delay of what was felt.
+const NUISANCES: usize = 7;
+
+/// What is left of the differences when c, a, a turn ψ and a scale ε of the change of velocity are taken out, d = c + a t + ψ J I + ε I + τ İ, and an orthonormal
 /// basis of those, by fixes.
 struct Residuals {
     basis: [[Vector2<f64>; SAMPLES]; NUISANCES],
@@ -224,21 +257,22 @@ impl Residuals {
     fn of(felt: &[FixWithImpulse]) -> Option<Self> {
         let n = felt.len() as f64;
         let from = felt.first()?.time;
-        let mean = felt.iter().map(|f| f.velocity).sum::<Vector2<f64>>() / n;
+        let mean = felt.iter().map(FixWithImpulse::impulse).sum::<Vector2<f64>>() / n;
         let zero = Vector2::zeros();
         let mut rest = Self { basis: [[zero; SAMPLES]; NUISANCES], of_differences: [zero; SAMPLES] };
         let mut used = 0;
         for k in 0..NUISANCES {
             let mut column = [zero; SAMPLES];
-            for (value, f) in column.iter_mut().zip(felt) {
-                let (t, v) = (f.time.seconds_since(from), f.velocity - mean);
+            for (at, (value, f)) in column.iter_mut().zip(felt).enumerate() {
+                let (t, v) = (f.time.seconds_since(from), f.impulse() - mean);
                 *value = match k {
                     0 => Vector2::x(),
                     1 => Vector2::y(),
                     2 => Vector2::x() * t,
                     3 => Vector2::y() * t,
                     4 => Vector2::new(-v.y, v.x),
-                    _ => v,
+                    5 => v,
+                    _ => acceleration(felt, at),
                 };
             }
             let before = column.iter().map(Vector2::norm_squared).sum::<f64>();
@@ -302,11 +336,21 @@ mod tests {
     /// Legs with turns between them, felt with a heading that is off by 3 degrees and a tilt; `lie` is what the receiver adds, `wrong` what inertia does.
     /// When the receiver is accused, s, and until when.
     fn fly(lie: impl Fn(f64) -> f64, wrong: impl Fn(f64) -> f64) -> Option<(f64, Option<f64>)> {
+        follow(5.0, lie, wrong).0
+    }
+
+    /// The same at some speed, m/s, and how far it may have led 10 s after 100 s, m.
+    fn follow(
+        speed: f64,
+        lie: impl Fn(f64) -> f64,
+        wrong: impl Fn(f64) -> f64,
+    ) -> (Option<(f64, Option<f64>)>, f64) {
         let mut steps = VelocitySteps::new();
         let (mut from, mut to) = (None, None);
+        let mut led = 0.0;
         for k in 0..900 {
             let t = f64::from(k) * 0.2;
-            let v = Vector2::new((0.3 * t).sin(), (0.2 * t).cos()) * 5.0;
+            let v = Vector2::new((0.3 * t).sin(), (0.2 * t).cos()) * speed;
             let noise =
                 Vector2::new(f64::sin(f64::from(k * 7919 % 31)), f64::sin(f64::from(k * 104_729 % 37))) * 0.1;
             let felt = nalgebra::Rotation2::new(0.05) * v + Vector2::new(0.02 * t, wrong(t));
@@ -325,8 +369,34 @@ mod tests {
                 (None, Some(_)) if to.is_none() => to = Some(t),
                 _ => {}
             }
+            if t <= 110.0 {
+                led = steps.may_have_led(at(t)).norm();
+            }
         }
-        from.map(|from| (from, to))
+        (from.map(|from| (from, to)), led)
+    }
+
+    #[test]
+    fn a_hovering_vehicle_feels_that_it_does_not_move() {
+        let lie = |t: f64| if (100.0..130.0).contains(&t) { 1.0 } else { 0.0 };
+        let (Some((from, Some(to))), _) = follow(0.0, lie, |_| 0.0) else { panic!() };
+        assert!((101.0..104.0).contains(&from) && (131.0..134.5).contains(&to), "{from} {to}");
+    }
+
+    #[test]
+    fn what_may_be_a_lie_is_no_charge_and_how_far_it_may_have_led_is_known() {
+        let (honest, led) = follow(5.0, |_| 0.0, |_| 0.0);
+        assert_eq!((honest, led), (None, 0.0));
+        let mut doubted = 0;
+        for k in 6..20 {
+            let size = 0.05 * f64::from(k);
+            let (accused, led) = follow(5.0, |t| if t >= 100.0 { size } else { 0.0 }, |_| 0.0);
+            if accused.is_none() && led > 0.0 {
+                doubted += 1;
+                assert!((led - 10.0 * size).abs() < 0.4 * 10.0 * size, "{size} {led}");
+            }
+        }
+        assert!(doubted > 0);
     }
 
     #[test]

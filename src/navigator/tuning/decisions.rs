@@ -202,6 +202,9 @@ pub(in crate::navigator) mod velocity_step {
     /// as likely.
     pub(in crate::navigator) const DECADES: f64 = 6.0;
     pub(in crate::navigator) const CLEAR_OF: f64 = 9.2;
+    /// It may be one beyond what would happen once in 10^3.5, and for so long it may lead away, s.
+    pub(in crate::navigator) const DOUBT_DECADES: f64 = 3.5;
+    pub(in crate::navigator) const DOUBT_S: f64 = 60.0;
     /// … and leaves no more than this part of what it explains: manoeuvres that are sampled badly leave more.
     pub(in crate::navigator) const LEAVES: f64 = 0.33;
     /// Slower it harms nobody soon, m/s: receivers' velocities are biased by as much.
