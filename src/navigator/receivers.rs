@@ -109,6 +109,12 @@ pub(super) fn hear_inertia(
         sigma: core.estimator.speed_sigma().unwrap_or(f64::INFINITY),
         position_sigma: position_sigma.unwrap_or(f64::INFINITY),
     });
+    let witness = &sources.gnss.witness;
+    let speed = velocity.norm();
+    if steps.doubted(reading.measured).is_some_and(|(s, step)| witness.clears(s, step, speed)) {
+        steps.clear();
+        core.witnesses.unexplained.undone();
+    }
     told(steps)
 }
 

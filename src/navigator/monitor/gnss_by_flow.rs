@@ -20,6 +20,12 @@ use crate::navigator::tuning::gnss_by_flow::{
     START_SIGMA_MPS, WALK_SIGMA_MPS, WANDER, WINDOWS,
 };
 
+/// What blocks can cover, s; and a walk shows in two of the shorter windows if it does, s.
+const LONGEST_S: f64 = (BLOCKS - 1) as f64 * BLOCK_S;
+const CLEARS_S: f64 = WINDOWS[1] as f64 * BLOCK_S;
+/// What is so many times what is looked for would have been seen.
+const CLEARLY: f64 = 1.5;
+
 /// A receiver that walks off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in super::super) struct ReceiverWalk {
@@ -115,6 +121,15 @@ impl GnssByFlow {
     /// Whether a walk begins to show: nothing is to be learned from GNSS.
     pub(in super::super) fn doubts(&self) -> bool {
         self.doubted || self.walk.is_some()
+    }
+
+    /// Whether the flow has watched the receiver for the last `seconds` and has seen nothing of a walk of `walk_mps` that began then, which at this speed it would
+    /// have by now.
+    pub(in super::super) fn clears(&self, seconds: f64, walk_mps: f64, speed_mps: f64) -> bool {
+        let seen = walk_mps > CLEARLY * LEAST_MPS.max(LEAST_PART * speed_mps);
+        let watched_s = self.blocks.len() as f64 * BLOCK_S;
+        let watches = self.last.is_some_and(|l| l.flow.is_some()) && watched_s >= seconds.min(LONGEST_S);
+        seen && watches && seconds > CLEARS_S && !self.doubts()
     }
 
     /// What comes is not comparable with what was.

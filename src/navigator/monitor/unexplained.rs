@@ -30,7 +30,7 @@ impl Unexplained {
     /// The receiver is believed again, `apart_ne` m from a dead reckoning that claimed `sigma_m`.
     pub(in super::super) fn came_back(&mut self, now: AutopilotTime, apart_ne: &Vector2<f64>, sigma_m: f64) {
         let apart_m = apart_ne.norm();
-        let drifted = beyond(apart_m, sigma_m);
+        let drifted = beyond(apart_m, EXPLAINED_SIGMAS * sigma_m);
         let jumped = self.jumped_m.take().filter(|jump| apart_m > 0.5 * jump);
         let rest_m = jumped.map_or(drifted, |jump| drifted.max(jump.min(apart_m)));
         if rest_m.is_finite() && rest_m > 0.0 {
@@ -60,9 +60,9 @@ impl Unexplained {
     }
 }
 
-/// What of a deviation a sigma does not explain, m.
-fn beyond(apart_m: f64, sigma_m: f64) -> f64 {
-    (apart_m.powi(2) - (EXPLAINED_SIGMAS * sigma_m).powi(2)).max(0.0).sqrt()
+/// What of a deviation another does not explain, m.
+fn beyond(apart_m: f64, explained_m: f64) -> f64 {
+    (apart_m.powi(2) - explained_m.powi(2)).max(0.0).sqrt()
 }
 
 /// What is left of something that was not explained then, NE, m.
@@ -118,9 +118,9 @@ mod tests {
     fn who_wanders_is_doubted_as_far_as_he_has_gone_at_most_until_it_is_taken_back() {
         let mut u = Unexplained::default();
         let gone = Vector2::new(3.0, -4.0);
-        u.wanders(at(0.0), &gone, 2.5);
+        u.wanders(at(0.0), &gone, 5.0);
         assert_eq!(sigma(&u, 0.0), 0.0, "it claims no more");
-        u.wanders(at(1.0), &gone, 1.5);
+        u.wanders(at(1.0), &gone, 3.0);
         assert!((sigma(&u, 1.0) - 4.0).abs() < 1e-9);
         u.wanders(at(2.0), &(gone * 0.5), 0.0);
         u.wanders(at(3.0), &Vector2::repeat(f64::NAN), 0.0);

@@ -116,6 +116,16 @@ impl VelocitySteps {
         self.lie.as_ref()
     }
 
+    /// For how long something has been in doubt, s, and the step that is, m/s.
+    pub(in super::super) fn doubted(&self, now: AutopilotTime) -> Option<(f64, f64)> {
+        self.doubt.map(|d| (now.seconds_since(d.since), d.step.norm()))
+    }
+
+    /// Another witness has seen that it is no lie.
+    pub(in super::super) fn clear(&mut self) {
+        self.doubt = None;
+    }
+
     /// Whether another receiver with this velocity, NE, m/s, tells the same lie.
     pub(in super::super) fn is_shared_by(&self, velocity: &Vector2<f64>) -> bool {
         let own = self.felt.last().map(|f| f.velocity);
