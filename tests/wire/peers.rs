@@ -12,8 +12,9 @@ use holdover::wire::link::{LinkConfig, LinkEventKind, LinkLimits, LinkState};
 use holdover::wire::session::Address;
 use holdover::wire::session::outgoing::FrameWriter;
 use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavType, RAW_IMU_DATA};
-use tokio::net::UdpSocket;
-use tokio::time::sleep;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpStream, UdpSocket};
+use tokio::time::{sleep, timeout};
 
 use crate::links::{
     LINK, autopilot, datagram, event, heartbeat, impatient, is_up, local, open, open_with, ours, quick,
@@ -159,4 +160,54 @@ async fn hostile_bytes_from_the_peers_own_address_cost_so_much_and_no_more() {
         s.frames_in > before && s.sources.iter().any(|s| s.system == SystemId(1) && s.lost == 0)
     })
     .await;
+}
+
+/// Whether the link closes the connection within a while.
+async fn is_turned_away(client: &mut TcpStream) -> bool {
+    !matches!(timeout(Duration::from_secs(2), client.read(&mut [0; 10])).await, Err(_) | Ok(Ok(1..)))
+}
+
+#[tokio::test]
+async fn a_tcp_client_with_an_imu_keeps_its_place_and_one_without_gives_way() {
+    let mut links = open_with(&["tcpin:127.0.0.1:0"], impatient(), CompanionClock::new()).await;
+    let to = local(&links);
+    let mut idle = TcpStream::connect(to).await.unwrap();
+    event(&mut links, is_up).await;
+    // Heartbeats alone do not hold the place for ever.
+    for _ in 0..12 {
+        idle.write_all(&autopilot()).await.unwrap();
+        sleep(Duration::from_millis(50)).await;
+    }
+    let mut drone = TcpStream::connect(to).await.unwrap();
+    assert!(is_turned_away(&mut idle).await);
+    event(&mut links, is_up).await;
+    let mut vehicle = Flying::new(Duration::from_secs(3));
+    for round in 0..12 {
+        drone.write_all(&vehicle.imu()).await.unwrap();
+        if round > 0 && round % 6 == 0 {
+            assert!(is_turned_away(&mut TcpStream::connect(to).await.unwrap()).await);
+        }
+        sleep(Duration::from_millis(50)).await;
+    }
+    assert_eq!(stats(&links).peer, Some(drone.local_addr().unwrap().to_string()));
+    assert_eq!(stats(&links).wrong_peer, 1);
+}
+
+#[tokio::test]
+async fn in_an_outage_nobody_from_elsewhere_takes_a_silent_clients_place() {
+    let mut links = open_with(&["tcpin:0.0.0.0:0"], impatient(), CompanionClock::new()).await;
+    let port = local(&links).port();
+    let from = |host: u8| async move {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind(SocketAddr::from(([127, 0, 0, host], 0))).unwrap();
+        socket.connect(SocketAddr::from(([127, 0, 0, 1], port))).await.unwrap()
+    };
+    let _drone = from(1).await;
+    event(&mut links, is_up).await;
+    links.handles.hold(true);
+    sleep(Duration::from_millis(500)).await;
+    assert!(is_turned_away(&mut from(2).await).await);
+    let back = from(1).await;
+    let back_at = back.local_addr().unwrap().to_string();
+    until(&links, |s| s.peer.as_ref() == Some(&back_at)).await;
 }
