@@ -1,13 +1,13 @@
 //! `holdover evaluate`: outages slid over the airborne, moving part of logs, in one table.
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::Args;
 use serde::Serialize;
 
 use crate::config::Settings;
-use crate::log::{Log, LogError};
+use crate::log::{Log, LogError, LogFile};
 use crate::navigator::settings::Estimator;
 use crate::replay::losses::{LEAST_S, LossRow, losses};
 use crate::replay::runner::ReferenceKind;
@@ -78,7 +78,7 @@ struct Evaluation {
 
 /// One log with one estimator.
 struct Job {
-    path: PathBuf,
+    log: LogFile,
     settings: Settings,
 }
 
@@ -95,14 +95,14 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     }
     let logs = args.logs.find()?;
     let mut jobs = Vec::new();
-    for (i, path) in logs.iter().enumerate() {
+    for (i, log) in logs.iter().enumerate() {
         for (j, name) in args.estimator.iter().enumerate() {
             // How far it drifts is the question: an estimate that is called lost is scored as well.
             let loaded = args.settings.with_estimator(name).read()?;
             if (i, j) == (0, 0) {
                 warn(&loaded);
             }
-            jobs.push(Job { path: path.clone(), settings: loaded.settings });
+            jobs.push(Job { log: log.clone(), settings: loaded.settings });
         }
     }
     let done = jobs::in_parallel(&jobs, args.jobs, args.json, |job| Ok::<_, Failure>(one(job, args)))?;
@@ -137,7 +137,7 @@ fn together(jobs: &[Job], done: Vec<Result<Evaluation, LogError>>) -> Result<Eva
             }
             Err(error) => all
                 .without_rows
-                .push(WithoutRows { log: name(&job.path), why: failed.insert(error).to_string() }),
+                .push(WithoutRows { log: name(&job.log), why: failed.insert(error).to_string() }),
         }
     }
     all.without_rows.dedup_by(|a, b| a.log == b.log);
@@ -148,8 +148,8 @@ fn together(jobs: &[Job], done: Vec<Result<Evaluation, LogError>>) -> Result<Eva
 }
 
 fn one(job: &Job, args: &EvaluateArgs) -> Result<Evaluation, LogError> {
-    let log = Log::open(&job.path, job.settings.system)?;
-    let (pipeline, name) = (&job.settings.pipeline, name(&job.path));
+    let log = Log::of(job.log.clone(), job.settings.system)?;
+    let (pipeline, name) = (&job.settings.pipeline, name(&job.log));
     let survey = survey(&log)?;
     let estimator = pipeline.navigator.estimator.label();
     let without = |why: String| Evaluation {
@@ -208,11 +208,11 @@ fn print_losses(losses: &[NaturalLoss]) {
     table.print();
 }
 
-fn name(path: &Path) -> String {
-    path.display().to_string()
+fn name(log: &LogFile) -> String {
+    log.path().display().to_string()
 }
 
-fn print_table(rows: &[OutageRow], logs: &[PathBuf], args: &EvaluateArgs) {
+fn print_table(rows: &[OutageRow], logs: &[LogFile], args: &EvaluateArgs) {
     outln!(
         "Horizontal error at the end of an outage: median / worst m, drift in % of distance (median), error over sigma (median)"
     );
@@ -227,8 +227,8 @@ fn print_table(rows: &[OutageRow], logs: &[PathBuf], args: &EvaluateArgs) {
         "error/sigma",
         "altitude m",
     ]);
-    for path in logs {
-        let log = name(path);
+    for file in logs {
+        let log = name(file);
         for estimator in Estimator::ALL {
             for &length in &args.lengths {
                 let group: Vec<&SweepRow> = rows
@@ -246,7 +246,7 @@ fn print_table(rows: &[OutageRow], logs: &[PathBuf], args: &EvaluateArgs) {
                 let worst =
                     errors.iter().copied().fold(None, |m: Option<f64>, e| Some(m.map_or(e, |m| m.max(e))));
                 let ratio = of(|r| Some(r.horizontal_error_end_m? / r.sigma_end_m.filter(|s| *s > 0.0)?));
-                let short = path.file_stem().map_or(log.clone(), |s| s.to_string_lossy().into_owned());
+                let short = file.path().file_stem().map_or(log.clone(), |s| s.to_string_lossy().into_owned());
                 table.row(vec![
                     short,
                     estimator.label().into(),

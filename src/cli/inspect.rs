@@ -1,14 +1,13 @@
 //! `holdover inspect`: what is in a log, which rates and gaps, and what Holdover can do with it.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use clap::Args;
 use serde::Serialize;
 
 use crate::config::Settings;
 use crate::log::stretches::Stretches;
-use crate::log::{Entry, Log, LogSummary};
+use crate::log::{Entry, Log, LogFile, LogSummary};
 use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
@@ -46,6 +45,8 @@ struct InspectReport {
     bad_crc: u64,
     truncated: bool,
     reboots: u32,
+    /// Messages that carry a signature, which is not looked at.
+    signed: u64,
     samples: Vec<KindReport>,
     imu_holes: Vec<HoleReport>,
     truth: bool,
@@ -187,6 +188,7 @@ fn report(
         bad_crc: summary.bad_crc(),
         truncated: summary.truncated,
         reboots: summary.reboots,
+        signed: summary.signed,
         samples: SampleKind::ALL.iter().map(kind).collect(),
         imu_holes: imu.shown().map(hole).collect(),
         truth: contents.truth,
@@ -215,11 +217,11 @@ fn report(
 /// [`Failure`].
 pub fn run(args: &InspectArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
-    args.logs.each(args.json, |path, _| one(path, &settings, args.json))
+    args.logs.each(args.json, |file, _| one(file, &settings, args.json))
 }
 
-fn one(path: &Path, settings: &Settings, json: bool) -> Result<(), Failure> {
-    let log = Log::open(path, settings.system)?;
+fn one(file: &LogFile, settings: &Settings, json: bool) -> Result<(), Failure> {
+    let log = Log::of(file.clone(), settings.system)?;
     let mut contents = Contents::default();
     let mut messages = MessageCounts::new();
     let summary = log.play(

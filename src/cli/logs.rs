@@ -1,17 +1,17 @@
 //! Which logs a command is to work on.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::log::logs_in;
+use crate::log::{LogFile, logs_in};
 
 use super::Failure;
 
 /// Logs as arguments.
 #[derive(Clone, Debug, Args)]
 pub struct LogArgs {
-    /// Logs, or folders of logs: MAVLink (.tlog, .tlog.raw), PX4 ULog (.ulg), ArduPilot DataFlash (.bin), each also gzip or zstd
+    /// Logs, folders of logs, or - for standard input: MAVLink (.tlog, .tlog.raw), PX4 ULog (.ulg), ArduPilot DataFlash (.bin), each also gzip or zstd
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Look for logs in the folders below as well
@@ -24,7 +24,7 @@ impl LogArgs {
     ///
     /// # Errors
     /// [`Failure::Log`] for a folder without a log.
-    pub(super) fn find(&self) -> Result<Vec<PathBuf>, Failure> {
+    pub(super) fn find(&self) -> Result<Vec<LogFile>, Failure> {
         Ok(logs_in(&self.logs, self.recursive)?)
     }
 
@@ -35,15 +35,15 @@ impl LogArgs {
     pub(super) fn each(
         &self,
         json: bool,
-        work: impl Fn(&Path, bool) -> Result<(), Failure>,
+        work: impl Fn(&LogFile, bool) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
         let logs = self.find()?;
         let mut failed: Option<Failure> = None;
-        for (i, path) in logs.iter().enumerate() {
+        for (i, log) in logs.iter().enumerate() {
             if i > 0 && !json {
                 outln!("");
             }
-            if let Err(failure) = work(path, logs.len() > 1)
+            if let Err(failure) = work(log, logs.len() > 1)
                 && let Some(before) = failed.replace(failure)
             {
                 eprintln!("holdover: {before}");

@@ -13,7 +13,7 @@ use crate::config::Settings;
 use crate::fault::InjectedFault;
 use crate::files::{OutputFile, Overwrite, READABLE, named};
 use crate::geo::so3::Euler;
-use crate::log::{Log, LogSummary};
+use crate::log::{Log, LogFile, LogSummary};
 use crate::metrics::AidedReport;
 use crate::metrics::outage::OutageReport;
 use crate::navigator::Navigator;
@@ -141,15 +141,15 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         Some(name) => args.settings.with_estimator(name).load()?,
         None => args.settings.load()?,
     };
-    args.logs.each(args.json, |path, several| {
-        let name = path.file_name().filter(|_| several).unwrap_or_default();
+    args.logs.each(args.json, |file, several| {
+        let name = file.path().file_name().filter(|_| several).unwrap_or_default();
         let out = args.out.as_ref().map(|out| out.join(name));
-        one(args, path, out.as_deref(), &settings)
+        one(args, file, out.as_deref(), &settings)
     })
 }
 
-fn one(args: &ReplayArgs, path: &Path, out: Option<&Path>, settings: &Settings) -> Result<(), Failure> {
-    let log = Log::open(path, settings.system)?;
+fn one(args: &ReplayArgs, file: &LogFile, out: Option<&Path>, settings: &Settings) -> Result<(), Failure> {
+    let log = Log::of(file.clone(), settings.system)?;
     let mut csv = out.map(|dir| SolutionCsv::create(dir, Overwrite::forced(args.force))).transpose()?;
     let bar = progress_bar(log.bytes(), args.json);
     let clock = CompanionClock::new();
@@ -173,10 +173,10 @@ fn one(args: &ReplayArgs, path: &Path, out: Option<&Path>, settings: &Settings) 
     }
     let outcome = runner.outcome();
     if let Some(reason) = lacking(&outcome.heard, &outcome.imu) {
-        return Err(Failure::Lacking(format!("{}: {reason}", path.display())));
+        return Err(Failure::Lacking(format!("{}: {reason}", log.path().display())));
     }
     let report = ReplayReport {
-        log: path.display().to_string(),
+        log: log.path().display().to_string(),
         duration_s: outcome.duration_s,
         frames: summary.frames,
         skipped_bytes: summary.skipped_bytes(),

@@ -1,13 +1,11 @@
 //! `holdover stress`: faults of every sensor put into logs, in one table.
 
-use std::path::{Path, PathBuf};
-
 use clap::Args;
 use serde::Serialize;
 
 use crate::config::Settings;
 use crate::fault::InjectedFault;
-use crate::log::{Log, LogError};
+use crate::log::{Log, LogError, LogFile};
 use crate::replay::matrix::{StressCase, matrix};
 use crate::replay::stress::{StressReport, StressRow, stress};
 use crate::replay::sweep::survey;
@@ -98,12 +96,12 @@ pub fn run(args: &StressArgs) -> Result<(), Failure> {
     let loaded = args.settings.read()?;
     warn(&loaded);
     let reports =
-        jobs::in_parallel(&logs, args.jobs, args.json, |path| one(path, &loaded.settings, &cases, args))?;
+        jobs::in_parallel(&logs, args.jobs, args.json, |log| one(log, &loaded.settings, &cases, args))?;
     let rows: Vec<&StressRow> = reports.iter().flat_map(|r| &r.rows).collect();
     let table: Vec<FaultSummary> = cases.iter().filter_map(|case| summary(&case.name, &rows)).collect();
     if args.json {
-        let logs = logs.iter().zip(&reports).map(|(path, r)| LogJson {
-            log: path.display().to_string(),
+        let logs = logs.iter().zip(&reports).map(|(log, r)| LogJson {
+            log: log.path().display().to_string(),
             rows: &r.rows,
             false_alarms: &r.false_alarms,
             not_heard: &r.not_heard,
@@ -130,12 +128,12 @@ fn cases(args: &StressArgs) -> Result<Vec<StressCase>, Failure> {
 }
 
 fn one(
-    path: &Path,
+    log: &LogFile,
     settings: &Settings,
     cases: &[StressCase],
     args: &StressArgs,
 ) -> Result<StressReport, LogError> {
-    let log = Log::open(path, settings.system)?;
+    let log = Log::of(log.clone(), settings.system)?;
     let flight = survey(&log)?.airborne;
     stress(&log, &settings.pipeline, flight, cases, args.length, args.starts)
 }
@@ -176,7 +174,7 @@ fn worst(values: &[f64]) -> Option<f64> {
     values.iter().copied().reduce(f64::max)
 }
 
-fn print(args: &StressArgs, logs: &[PathBuf], table: &[FaultSummary], reports: &[StressReport]) {
+fn print(args: &StressArgs, logs: &[LogFile], table: &[FaultSummary], reports: &[StressReport]) {
     outln!(
         "Faults in intervals of {} s, outages of GNSS unless it says otherwise; horizontal errors at the end, median / worst; \
          sigmas: the largest error over what was claimed then",
@@ -220,7 +218,8 @@ fn print(args: &StressArgs, logs: &[PathBuf], table: &[FaultSummary], reports: &
         ]);
     }
     shown.print();
-    for (path, report) in logs.iter().zip(reports) {
+    for (log, report) in logs.iter().zip(reports) {
+        let path = log.path();
         for (source, t_s) in &report.false_alarms {
             outln!("  {}: {source} called faulty at {t_s:.1} s, nothing put in", path.display());
         }

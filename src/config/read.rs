@@ -1,7 +1,8 @@
 //! The sources as texts of TOML: files, which are bounded, environment variables, and `key=value` of the command line.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::Read;
+use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
 use config::{Environment, Source as _};
@@ -13,7 +14,7 @@ use super::key::Type;
 use super::nearest;
 use super::{LOG_VARIABLE, PREFIX};
 
-/// No configuration is larger, bytes. `/dev/zero` never ends.
+/// No configuration is larger, bytes. A pipe may never end.
 const LARGEST_FILE: u64 = 1 << 20;
 
 /// A file.
@@ -21,6 +22,14 @@ pub(super) fn file(path: &Path) -> Result<SourceText, Problem> {
     let origin = Origin::File { path: path.display().to_string(), line: None };
     let wrong = |what: String| Problem::new(origin.clone(), "", what);
     let mut bytes = Vec::new();
+    let is = fs::metadata(path).map_err(|e| wrong(e.to_string()))?.file_type();
+    if is.is_dir() {
+        return Err(wrong("is a directory: a file is to be given".to_owned()));
+    }
+    // A pipe is as good as a file: it may be another program's output.
+    if !is.is_file() && !is.is_fifo() {
+        return Err(wrong("is a device: that is no configuration".to_owned()));
+    }
     let read = File::open(path).and_then(|f| f.take(LARGEST_FILE + 1).read_to_end(&mut bytes));
     read.map_err(|e| wrong(e.to_string()))?;
     if bytes.len() as u64 > LARGEST_FILE {
@@ -153,10 +162,16 @@ mod tests {
     #[test]
     fn a_file_is_read_only_so_far() {
         for endless in ["/dev/zero", "/dev/urandom"] {
-            let problem = file(Path::new(endless)).err().unwrap();
-            assert!(problem.to_string().contains("1 MiB"), "{problem}");
+            let problem = file(Path::new(endless)).err().unwrap().to_string();
+            assert!(problem.contains(endless) && problem.contains("is a device"), "{problem}");
         }
         let folder = tempfile::tempdir().unwrap();
+        let problem = file(folder.path()).err().unwrap().to_string();
+        assert!(problem.contains("is a directory"), "{problem}");
+        let large = folder.path().join("large.toml");
+        std::fs::write(&large, vec![b'#'; LARGEST_FILE as usize + 1]).unwrap();
+        let problem = file(&large).err().unwrap().to_string();
+        assert!(problem.contains("1 MiB") && problem.contains("large.toml"), "{problem}");
         let path = folder.path().join("latin.toml");
         std::fs::write(&path, b"# fine\n# caf\xe9\n").unwrap();
         assert!(file(&path).err().unwrap().to_string().contains("line 2 is not UTF-8"));

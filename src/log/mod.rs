@@ -6,6 +6,7 @@
 
 mod dataflash;
 mod error;
+mod file;
 mod folder;
 mod format;
 mod intake;
@@ -17,9 +18,10 @@ mod telemetry;
 mod ulog;
 
 use std::io::{self, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub use error::LogError;
+pub use file::LogFile;
 pub use folder::logs_in;
 pub use format::LogFormat;
 pub use parameters::Parameters;
@@ -34,7 +36,7 @@ use crate::wire::session::identity::Vehicle;
 /// An opened log whose vehicle is known.
 #[derive(Clone, Debug)]
 pub struct Log {
-    path: PathBuf,
+    file: LogFile,
     bytes: u64,
     format: LogFormat,
     vehicle: Vehicle,
@@ -62,6 +64,8 @@ pub struct LogSummary {
     pub counters: Counters,
     /// The log ended in the middle of a message.
     pub truncated: bool,
+    /// Messages that carry a signature. It is not looked at: the key may be another by now.
+    pub signed: u64,
     /// Reboots of the autopilot.
     pub reboots: u32,
     /// What was put right in its messages.
@@ -86,15 +90,21 @@ impl Log {
     /// # Errors
     /// [`LogError`].
     pub fn open(path: &Path, system: Option<SystemId>) -> Result<Self, LogError> {
+        Self::of(LogFile::at(path)?, system)
+    }
+
+    /// The same of a log whose bytes are at hand.
+    ///
+    /// # Errors
+    /// [`LogError`].
+    pub fn of(file: LogFile, system: Option<SystemId>) -> Result<Self, LogError> {
+        let path = file.path();
         let io_error = |source| LogError::Io { path: path.to_owned(), source };
-        let meta = std::fs::metadata(path).map_err(io_error)?;
-        if meta.is_dir() {
-            return Err(LogError::Directory { path: path.to_owned(), more: "" });
-        }
-        if meta.len() == 0 {
+        let len = file.len()?;
+        if len == 0 {
             return Err(LogError::Empty { path: path.to_owned() });
         }
-        let (format, packed_badly) = recognised(path).map_err(io_error)?;
+        let (format, packed_badly) = recognised(&file).map_err(io_error)?;
         let format = format.map_err(|hint| LogError::NotALog {
             path: path.to_owned(),
             hint: packed_badly.map_or(hint, |why| format!("it cannot be unpacked: {why}")),
@@ -103,7 +113,7 @@ impl Log {
             path: path.to_owned(),
             hint: format!("{} by its first bytes, and not a message in it that can be read", format.label()),
         };
-        let (bytes, _) = source::open(path).map_err(io_error)?;
+        let (bytes, _) = source::open(&file).map_err(io_error)?;
         let vehicle = match format {
             LogFormat::Tlog | LogFormat::RawMavlink => telemetry::vehicle(bytes, format, system)
                 .map_err(io_error)?
@@ -116,12 +126,12 @@ impl Log {
             LogFormat::Ulog => ulog::vehicle(bytes).map_err(io_error)?.ok_or_else(no_message)?,
             LogFormat::DataFlash => dataflash::vehicle(bytes).map_err(io_error)?.ok_or_else(no_message)?,
         };
-        Ok(Self { path: path.to_owned(), bytes: meta.len(), format, vehicle })
+        Ok(Self { bytes: len, format, vehicle, file })
     }
 
-    /// The file.
+    /// What it is called.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
     }
 
     /// Its size.
@@ -148,8 +158,8 @@ impl Log {
         mut entry: impl FnMut(&Entry<'_>, u64),
         mut item: impl FnMut(&AutopilotClock, &Input),
     ) -> Result<LogSummary, LogError> {
-        let io_error = |source| LogError::Io { path: self.path.clone(), source };
-        let (bytes, progress) = source::open(&self.path).map_err(io_error)?;
+        let io_error = |source| LogError::Io { path: self.path().to_owned(), source };
+        let (bytes, progress) = source::open(&self.file).map_err(io_error)?;
         let mut entry = |e: &Entry<'_>| entry(e, progress.read());
         let mut to = Listener { entry: &mut entry, item: &mut item };
         let mut summary = match self.format {
@@ -169,8 +179,8 @@ impl Log {
 }
 
 /// What the beginning of a file says that it is, and why it could not be unpacked.
-fn recognised(path: &Path) -> io::Result<(Result<LogFormat, String>, Option<String>)> {
-    let (bytes, progress) = source::open(path)?;
+fn recognised(file: &LogFile) -> io::Result<(Result<LogFormat, String>, Option<String>)> {
+    let (bytes, progress) = source::open(file)?;
     let mut first = Vec::new();
     bytes.take(format::LOOKED_AT as u64).read_to_end(&mut first)?;
     Ok((format::recognise(&first), progress.ended()))
@@ -192,6 +202,9 @@ impl LogSummary {
         remarks.extend(self.repairs.seen().map(|(repair, n)| format!("{n} {}", repair.label())));
         if self.truncated {
             remarks.push("the log ends in the middle of a record".to_owned());
+        }
+        if self.signed > 0 {
+            remarks.push(format!("{} messages are signed; in logs that is not verified", self.signed));
         }
         if self.reboots > 0 {
             remarks.push(format!("the autopilot rebooted {} times", self.reboots));

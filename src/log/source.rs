@@ -4,13 +4,13 @@
 //! breaks off ends there, with a word about it; one that unpacks to more than any log could is a bomb, and ends there too.
 
 use std::cell::{Cell, RefCell};
-use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
-use std::path::Path;
 use std::rc::Rc;
 
 use flate2::bufread::MultiGzDecoder;
 use ruzstd::decoding::StreamingDecoder;
+
+use super::file::LogFile;
 
 const GZIP: &[u8] = &[0x1F, 0x8B];
 const ZSTD: &[u8] = &[0x28, 0xB5, 0x2F, 0xFD];
@@ -47,8 +47,8 @@ impl ReadProgress {
 ///
 /// # Errors
 /// What the system says.
-pub(super) fn open(path: &Path) -> io::Result<(Box<dyn Read>, ReadProgress)> {
-    Ok(unpacked(File::open(path)?))
+pub(super) fn open(file: &LogFile) -> io::Result<(Box<dyn Read>, ReadProgress)> {
+    Ok(unpacked(file.open()?))
 }
 
 /// The same of any bytes.

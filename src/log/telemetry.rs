@@ -57,9 +57,11 @@ pub(super) fn play(
     decoder.follow(vehicle);
     let mut names: BTreeMap<u32, Option<&'static str>> = BTreeMap::new();
     let mut items = Vec::with_capacity(8);
+    let mut signed = 0;
     while let Some(record) = reader.next_record()? {
         let (frame, id) = (&record.frame, record.frame.message_id());
         let name = *names.entry(id).or_insert_with(|| messages::name_of(id));
+        signed += u64::from(frame.is_signed());
         (to.entry)(&Entry { name, id, system: frame.system().0, component: frame.component().0 });
         decoder.decode(frame, &mut items);
         for i in items.drain(..) {
@@ -72,6 +74,7 @@ pub(super) fn play(
     Ok(LogSummary {
         frames: reader.counters().frames,
         truncated: reader.truncated(),
+        signed,
         reboots: decoder.clock().reboots(),
         repairs: decoder.repairs().clone(),
         counters,

@@ -11,6 +11,7 @@ mod command;
 
 mod cli;
 mod docs;
+mod files;
 mod flights;
 mod marker_log;
 mod preflight;

@@ -6,13 +6,18 @@ use crate::wire::running_crc::RunningCrc;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Found<'a> {
+pub enum Found<'a> {
     /// A frame with a valid checksum.
     Frame(Frame<'a>),
     /// A frame of a message that the dialect does not know.
     Unknown(Frame<'a>),
     /// `n` bytes of garbage, or one damaged frame.
-    Reject { cause: Cause, n: u64 },
+    Reject {
+        /// Which of the two.
+        cause: Cause,
+        /// Bytes, or 1 frame.
+        n: u64,
+    },
     /// So many bytes were not searched.
     Unsearched(u64),
 }
@@ -98,7 +103,7 @@ const CAPACITY: usize = 16 * MAX_FRAME_LEN;
 
 /// A bounded buffer between a stream and the search for frames.
 #[derive(Debug)]
-pub(super) struct Deframer {
+pub struct Deframer {
     buffer: Box<[u8]>,
     filled: usize,
     /// How many bytes of the stream are done with.
@@ -107,23 +112,30 @@ pub(super) struct Deframer {
 }
 
 impl Deframer {
-    pub(super) fn new() -> Self {
+    /// One that has read nothing.
+    pub fn new() -> Self {
         let buffer = vec![0; CAPACITY].into_boxed_slice();
         Self { buffer, filled: 0, done: 0, crc: RunningCrc::new() }
     }
 
     /// Where to read to. Never empty: less than one frame and its successor's first byte stay in the buffer.
-    pub(super) fn space(&mut self) -> &mut [u8] {
+    pub fn space(&mut self) -> &mut [u8] {
         &mut self.buffer[self.filled..]
     }
 
     /// Takes note that `n` bytes were read, and calls `each` for everything that is complete.
-    pub(super) fn advance(&mut self, n: usize, each: impl FnMut(Found<'_>)) {
+    pub fn advance(&mut self, n: usize, each: impl FnMut(Found<'_>)) {
         self.filled = (self.filled + n).min(self.buffer.len());
         let done = search(&self.buffer[..self.filled], self.done, false, &mut self.crc, each);
         self.buffer.copy_within(done..self.filled, 0);
         self.filled -= done;
         self.done += done as u64;
+    }
+}
+
+impl Default for Deframer {
+    fn default() -> Self {
+        Self::new()
     }
 }
 

@@ -36,6 +36,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+pub use deframer::{Deframer, Found};
 pub use event::{LinkEvent, LinkEventKind};
 pub use queue::SendOutcome;
 pub use route::ReplyRoute;
