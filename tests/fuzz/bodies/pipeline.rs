@@ -85,7 +85,7 @@ impl Run {
         sound::check_form(solution, "fuzzed");
         // The less it knows, the less it claims to.
         let quality = self.pipeline.outbound.quality(solution);
-        let mut worse = solution.clone();
+        let mut worse = *solution;
         worse.position_covariance = worse.position_covariance * 4.0;
         assert!(self.pipeline.outbound.quality(&worse) <= quality);
         assert_eq!(
