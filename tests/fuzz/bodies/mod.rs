@@ -1,6 +1,7 @@
 //! What is fuzzed: one function a target, from bytes to assertions. The coverage-guided targets in `fuzz/`, the runner of hours in `examples/fuzz.rs`
 //! and the tests of every build are these same functions.
 #![allow(dead_code, reason = "not every user needs all of it")]
+#![allow(clippy::expect_used, reason = "a target fails by panicking")]
 
 mod bytes;
 mod decode;
