@@ -118,7 +118,7 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         print_losses(&all.losses);
     }
     for without in &all.without_rows {
-        eprintln!("holdover: {}: {}", without.log, without.why);
+        errln!("holdover: {}: {}", without.log, without.why);
     }
     Ok(())
 }

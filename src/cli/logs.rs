@@ -46,7 +46,7 @@ impl LogArgs {
             if let Err(failure) = work(log, logs.len() > 1)
                 && let Some(before) = failed.replace(failure)
             {
-                eprintln!("holdover: {before}");
+                errln!("holdover: {before}");
             }
         }
         failed.map_or(Ok(()), Err)

@@ -12,13 +12,13 @@ mod key;
 mod logs;
 mod markers;
 mod preflight;
+mod reload;
 mod replay;
 mod run;
 mod simulate;
 mod stress;
 mod table;
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -102,7 +102,7 @@ impl ConfigArgs {
 /// Tells what is odd about the settings.
 fn warn(loaded: &Loaded) {
     for warning in &loaded.warnings {
-        eprintln!("holdover: {warning}");
+        errln!("holdover: {warning}");
     }
 }
 
@@ -190,8 +190,7 @@ pub fn main() -> ExitCode {
     match run(Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            // Where it cannot be written, the exit code tells.
-            let _ = writeln!(std::io::stderr(), "holdover: {failure}");
+            output::last_words(format!("holdover: {failure}\n"));
             ExitCode::from(failure.exit_code())
         }
     }

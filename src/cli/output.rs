@@ -1,8 +1,14 @@
-//! Printing to standard output. A reader that has seen enough (`holdover inspect LOG | head`) ends the command, quietly: `println!`
-//! would panic.
+//! Printing. A reader of standard output that has seen enough (`holdover inspect LOG | head`) ends the command, quietly; a disk that is full
+//! ends it with 1. What cannot be written to standard error is lost. `println!` and `eprintln!` would panic.
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write};
+use std::sync::mpsc::sync_channel;
+use std::thread;
+use std::time::Duration;
+
+/// How long the last words may take.
+const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Prints one line. Ends the process when it cannot.
 pub(super) fn line(text: fmt::Arguments<'_>) {
@@ -15,6 +21,29 @@ pub(super) fn line(text: fmt::Arguments<'_>) {
             std::process::exit(1);
         }
     }
+}
+
+/// Tells one line on standard error, where that can be written.
+pub(super) fn tell(text: fmt::Arguments<'_>) {
+    let _ = io::stderr().lock().write_fmt(format_args!("{text}\n"));
+}
+
+/// Tells why the command ends, and waits for that only briefly: a daemon that is told to end must not be held up by who reads nothing.
+/// Where it cannot be written, the exit code tells.
+pub(super) fn last_words(text: String) {
+    let (done, written) = sync_channel(1);
+    let telling = move || {
+        let _ = io::stderr().write_all(text.as_bytes());
+        let _ = done.send(());
+    };
+    if thread::Builder::new().name("last words".to_owned()).spawn(telling).is_ok() {
+        let _ = written.recv_timeout(PATIENCE);
+    }
+}
+
+/// `eprintln!` without its panic.
+macro_rules! errln {
+    ($($text:tt)*) => { $crate::cli::output::tell(format_args!($($text)*)) };
 }
 
 /// `println!` without its panic.

@@ -1,31 +1,38 @@
-//! `holdover run`: the daemon.
+//! `holdover run`: the daemon. This thread has the links, the timers of the links, and the signals; navigation has one of its own, and so has
+//! the log. Neither waits for another.
 
-use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use clap::Args;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::{Notify, mpsc, oneshot};
+use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
-use tracing_subscriber::EnvFilter;
 
-use crate::config::{LOG_VARIABLE, Origin, Settings};
-use crate::daemon::{Daemon, endpoints, link_config};
+use crate::config::{LOG_VARIABLE, Loaded, Origin, Settings};
+use crate::daemon::lines::{self, LogError, LogHandle};
+use crate::daemon::{Daemon, Summary, endpoints, link_config};
+use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::link::{LinkConfig, Links};
 use crate::wire::signing::Signing;
 
+use super::reload::Reload;
 use super::replay::parse_interval;
 use super::{ConfigArgs, Failure, check, warn};
 
-/// How long the links may take to close.
-const CLOSING: Duration = Duration::from_secs(1);
+/// How long the navigation may take to say good-bye …
+const NAVIGATION_ENDS: Duration = Duration::from_millis(130);
+/// … the links to close …
+const CLOSING: Duration = Duration::from_millis(30);
+/// … and the last lines of the log to be written. It sums up to what a process is given that is told to end.
+const LAST_LINES: Span = Span::from_millis(100);
 
 /// Arguments of `run`.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct RunArgs {
     /// Where the autopilot is, instead of link.endpoints: udpin:HOST:PORT, udpout:…, tcpin:…, tcpout:…, serial:DEVICE:BAUD;
     /// may be given several times
@@ -48,62 +55,36 @@ pub struct RunArgs {
 /// # Errors
 /// [`Failure::Config`], [`Failure::Usage`], and [`Failure::Link`] when a link cannot be opened.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
-    let mut loaded = args.settings.read()?;
+    let loaded = read(args)?;
     warn(&loaded);
-    if !args.endpoint.is_empty() {
-        loaded.set_endpoints(&args.endpoint, Origin::Argument("--endpoint".into()));
-    }
     if args.dry_run {
         return check::show(&loaded, false);
     }
-    let settings = loaded.settings;
-    if settings.endpoints.is_empty() {
+    if loaded.settings.endpoints.is_empty() {
         return Err(Failure::Usage("link.endpoints is empty: there is nothing to listen to".into()));
     }
-    let sink = start_log(&settings.log_level)?;
+    let clock = CompanionClock::new();
+    let directives = std::env::var(LOG_VARIABLE).ok().filter(|v| !v.is_empty());
+    let log = lines::start(&loaded.settings.log, directives.as_deref(), &clock).map_err(|e| match e {
+        LogError::Directives(e) => Failure::Usage(format!("{LOG_VARIABLE}: {e}")),
+        e => Failure::Other(e.to_string()),
+    })?;
+    let reload = Reload::new(&loaded, directives.is_some());
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let served = runtime.block_on(serve(&settings, &args.deny_gnss));
-    let lost = sink.lost.load(Ordering::Relaxed);
-    if lost > 0 {
-        tracing::warn!("{lost} lines of the log could not be written");
-    }
+    let served = runtime.block_on(serve(args, &loaded.settings, clock, &log, reload));
+    // A name that is still being resolved is not waited for.
+    runtime.shutdown_background();
+    log.drain(LAST_LINES);
     served
 }
 
-/// Writes the log to standard error, and goes on where that cannot be written: a full disk, a closed terminal or a `tee` that died is no
-/// reason to stop navigating. Lines that were lost are counted.
-#[derive(Clone, Debug, Default)]
-struct LogSink {
-    lost: Arc<AtomicU64>,
-}
-
-impl Write for LogSink {
-    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
-        if std::io::stderr().write_all(line).is_err() {
-            self.lost.fetch_add(1, Ordering::Relaxed);
-        }
-        Ok(line.len())
+/// The settings, with the endpoints of the command line.
+fn read(args: &RunArgs) -> Result<Loaded, Failure> {
+    let mut loaded = args.settings.read()?;
+    if !args.endpoint.is_empty() {
+        loaded.set_endpoints(&args.endpoint, Origin::Argument("--endpoint".into()));
     }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
-fn start_log(level: &str) -> Result<LogSink, Failure> {
-    let directives = std::env::var(LOG_VARIABLE).ok().filter(|v| !v.is_empty());
-    let filter = EnvFilter::try_new(directives.as_deref().unwrap_or(level))
-        .map_err(|e| Failure::Usage(format!("{LOG_VARIABLE}: {e}")))?;
-    let sink = LogSink::default();
-    let writer = sink.clone();
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(move || writer.clone())
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        .try_init()
-        .map_err(|e| Failure::Other(e.to_string()))?;
-    Ok(sink)
+    Ok(loaded)
 }
 
 /// Where the state is kept, and says so. Without such a place it navigates all the same.
@@ -133,17 +114,82 @@ fn signing(settings: &Settings, states: Option<&Path>) -> Result<Signing, Failur
     Ok(signing)
 }
 
-async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Failure> {
-    let (stop, close) = (CancellationToken::new(), CancellationToken::new());
-    let mut interrupt = signal(SignalKind::interrupt())?;
-    let mut terminate = signal(SignalKind::terminate())?;
-    let clock = CompanionClock::new();
+/// The signals that mean something, and those that must not kill.
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+    hang_up: Signal,
+    user: [Signal; 2],
+}
+
+/// What is to be done.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Order {
+    /// End, for the signal of this name.
+    End(&'static str),
+    /// Read the configuration again.
+    Reload,
+    /// Tell how it fares.
+    Summary,
+    /// Nothing: SIGUSR2 has no meaning.
+    Nothing,
+}
+
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        let (one, two) = (SignalKind::user_defined1(), SignalKind::user_defined2());
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hang_up: signal(SignalKind::hangup())?,
+            user: [signal(one)?, signal(two)?],
+        })
+    }
+
+    async fn next(&mut self) -> Order {
+        let [one, two] = &mut self.user;
+        tokio::select! {
+            biased;
+            _ = self.terminate.recv() => Order::End("SIGTERM"),
+            _ = self.interrupt.recv() => Order::End("SIGINT"),
+            _ = self.hang_up.recv() => Order::Reload,
+            _ = one.recv() => Order::Summary,
+            _ = two.recv() => Order::Nothing,
+        }
+    }
+
+    /// The order to end; others are not obeyed yet.
+    async fn end(&mut self) -> &'static str {
+        loop {
+            if let Order::End(name) = self.next().await {
+                return name;
+            }
+        }
+    }
+}
+
+async fn serve(
+    args: &RunArgs,
+    settings: &Settings,
+    clock: CompanionClock,
+    log: &LogHandle,
+    reload: Reload,
+) -> Result<(), Failure> {
+    let mut signals = Signals::new()?;
+    let close = CancellationToken::new();
     let folder = state_folder(settings);
     let mut signing = signing(settings, folder.as_deref())?;
     let config = LinkConfig { signing: Arc::clone(&signing.gate), ..link_config(settings) };
-    let links = Links::open(&endpoints(settings), config, clock.clone(), close.clone())
-        .await
-        .map_err(|e| Failure::Link(e.to_string()))?;
+    let endpoints = endpoints(settings);
+    let links = tokio::select! {
+        links = Links::open(&endpoints, config, clock.clone(), close.clone()) => {
+            links.map_err(|e| Failure::Link(e.to_string()))?
+        }
+        name = signals.end() => {
+            tracing::info!("{name}: ends before its links are open");
+            return Ok(());
+        }
+    };
     let handles = links.handles.clone();
     tracing::info!("holdover {} is running", env!("CARGO_PKG_VERSION"));
     for stats in handles.stats() {
@@ -152,29 +198,89 @@ async fn serve(settings: &Settings, deny_gnss: &[(f64, f64)]) -> Result<(), Fail
             None => tracing::info!("{}: {}", stats.link, stats.endpoint),
         }
     }
-    for (a, b) in deny_gnss {
+    for (a, b) in &args.deny_gnss {
         tracing::warn!("a drill: GNSS is withheld from {a} to {b} s after the first sample");
     }
-    let daemon = Daemon::new(settings, deny_gnss, links, clock).keeping_state_in(folder).run(stop.clone());
-    tokio::pin!(daemon);
-    let summary = tokio::select! {
-        summary = &mut daemon => summary,
-        name = async {
-            tokio::select! {
-                _ = interrupt.recv() => "SIGINT",
-                _ = terminate.recv() => "SIGTERM",
-            }
-        } => {
-            tracing::info!("{name}: ends");
-            stop.cancel();
-            daemon.await
-        }
-    };
+    let asked = Arc::new(Notify::new());
+    let daemon = Daemon::new(settings, &args.deny_gnss, links, clock)
+        .keeping_state_in(folder)
+        .told_in(log.clone(), Arc::clone(&asked));
+    let navigation = navigate(daemon)?;
+    let summary = attend(args, signals, navigation, &asked, (log, reload)).await?;
     close.cancel();
-    if tokio::time::timeout(CLOSING, handles.closed()).await.is_err() {
+    if timeout(CLOSING, handles.closed()).await.is_err() {
         tracing::warn!("a link does not close");
     }
-    signing.close();
-    tracing::info!("in the end: {summary}");
+    // The stamps of signatures are written, where the disk is not slow.
+    let kept = tokio::task::spawn_blocking(move || signing.close());
+    if timeout(CLOSING, kept).await.is_err() {
+        tracing::warn!("the stamps of signatures are as they were kept last");
+    }
+    if let Some(summary) = summary {
+        tracing::info!("in the end: {summary}");
+    }
     Ok(())
+}
+
+/// The navigation on its own thread.
+struct Navigation {
+    stop: CancellationToken,
+    summary: oneshot::Receiver<Summary>,
+}
+
+/// Starts the thread. It has nothing to wait for but the queues of the links and its own timers.
+fn navigate(daemon: Daemon) -> std::io::Result<Navigation> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+    let (stop, (ended, summary)) = (CancellationToken::new(), oneshot::channel());
+    let stopped = stop.clone();
+    std::thread::Builder::new().name("navigation".to_owned()).spawn(move || {
+        // Who no longer waits for the summary needs none.
+        let _ = ended.send(runtime.block_on(daemon.run(stopped)));
+    })?;
+    Ok(Navigation { stop, summary })
+}
+
+/// Obeys signals until the navigation ends. `None` when it did not end in time.
+async fn attend(
+    args: &RunArgs,
+    mut signals: Signals,
+    mut navigation: Navigation,
+    asked: &Notify,
+    (log, mut reload): (&LogHandle, Reload),
+) -> Result<Option<Summary>, Failure> {
+    let (settings, (send, mut reread)) = (args.clone(), mpsc::channel(1));
+    loop {
+        tokio::select! {
+            biased;
+            order = signals.next() => match order {
+                Order::End(name) => {
+                    tracing::info!("{name}: ends");
+                    break;
+                }
+                Order::Reload => {
+                    // A slow disk holds up nothing but this.
+                    let (settings, send) = (settings.clone(), send.clone());
+                    drop(tokio::task::spawn_blocking(move || drop(send.try_send(read(&settings)))));
+                }
+                Order::Summary => asked.notify_one(),
+                Order::Nothing => tracing::warn!("SIGUSR2 means nothing; SIGUSR1 asks for a summary"),
+            },
+            Some(loaded) = reread.recv() => match loaded {
+                Ok(loaded) => reload.take(&loaded, log),
+                Err(e) => tracing::warn!("the configuration is not read again, and stays as it was: {e}"),
+            },
+            summary = &mut navigation.summary => {
+                let faulty = |_| Failure::Other("the navigation has ended by a fault of Holdover".into());
+                return summary.map(Some).map_err(faulty);
+            }
+        }
+    }
+    navigation.stop.cancel();
+    match timeout(NAVIGATION_ENDS, &mut navigation.summary).await {
+        Ok(Ok(summary)) => Ok(Some(summary)),
+        _ => {
+            tracing::warn!("the navigation does not end, and is left behind");
+            Ok(None)
+        }
+    }
 }

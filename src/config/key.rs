@@ -156,7 +156,8 @@ macro_rules! typed {
 }
 
 typed! {
-    bool: Flag, u8: Whole, u64: Whole, usize: Whole, f64: Number, String: Text, Vec<String>: Texts,
+    bool: Flag, u8: Whole, u32: Whole, u64: Whole, usize: Whole, f64: Number, String: Text, Vec<String>: Texts,
+    super::LogTo: Text,
     crate::navigator::settings::Estimator: Text,
     crate::navigator::settings::FlowBiasSource: Text,
     crate::outbound::Carriage: Text,

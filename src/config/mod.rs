@@ -17,6 +17,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use config::{Config as Merger, File, FileFormat};
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::pipeline::PipelineSettings;
@@ -63,8 +64,31 @@ pub struct Settings {
     pub statustext: bool,
     /// Where the state is kept.
     pub state: StateDirectory,
-    /// Log level.
-    pub log_level: String,
+    /// The daemon's log.
+    pub log: LogSettings,
+}
+
+/// Settings of the log: `[log]`.
+#[derive(Clone, Debug)]
+pub struct LogSettings {
+    /// How much to say.
+    pub level: String,
+    /// Where to.
+    pub to: LogTo,
+    /// Lines of one kind a minute; 0 is no limit.
+    pub lines_per_event_per_min: u32,
+}
+
+/// Where the log goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LogTo {
+    /// To the journal where systemd has connected standard error with it, else to standard error.
+    Auto,
+    /// To standard error.
+    Stderr,
+    /// To systemd's journal.
+    Journal,
 }
 
 /// Settings of the links: `[link]` and `[tuning.link]`.

@@ -1,17 +1,21 @@
 //! The live daemon: frames in, position messages out, and the conversation with the autopilot around them.
 //!
-//! One task, one thread. It is handed links that are open, a clock and a token that stops it, so that a test needs neither fixed
-//! ports nor signals. Nothing is sent but on a new IMU sample: when the stream stops, so does the output.
+//! One task, one thread of its own: it takes what the links have put into their queue, and puts what it sends into theirs. It is handed links
+//! that are open, a clock and a token that stops it, so that a test needs neither fixed ports nor signals. Nothing is sent but on a new IMU
+//! sample: when the stream stops, so does the output.
 
 mod hand_over;
 mod keeping;
+pub mod lines;
 mod severity;
 mod summary;
 mod watch;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
+use tokio::sync::Notify;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
@@ -41,6 +45,7 @@ use crate::wire::session::transmitter::Transmitter;
 use crate::wire::signing::SigningWatch;
 
 use keeping::{Keeping, Moment};
+use lines::LogHandle;
 use severity::severity_of;
 pub use summary::Summary;
 use watch::{ImuNews, ImuWatch};
@@ -123,6 +128,9 @@ pub struct Daemon {
     beat: HeartbeatSender,
     keeping: Keeping,
     signing: SigningWatch,
+    /// The log, whose losses are told; and somebody who asks how it fares.
+    log: Option<LogHandle>,
+    asked: Arc<Notify>,
     solution: Option<Solution>,
     /// Age of the newest position when it comes to the autopilot, s, where that is known.
     age_s: Option<f64>,
@@ -156,6 +164,8 @@ impl Daemon {
             beat: HeartbeatSender::default(),
             keeping: Keeping::default(),
             signing: SigningWatch::default(),
+            log: None,
+            asked: Arc::default(),
             solution: None,
             age_s: None,
             sending_told: None,
@@ -175,10 +185,18 @@ impl Daemon {
         self
     }
 
+    /// Tells in its summaries what this log has lost, and writes one when `asked` is notified.
+    pub fn told_in(mut self, log: LogHandle, asked: Arc<Notify>) -> Self {
+        self.log = Some(log);
+        self.asked = asked;
+        self
+    }
+
     /// Runs until `cancel` is cancelled, or all links have ended. Says good-bye, and returns what was counted.
     pub async fn run(mut self, cancel: CancellationToken) -> Summary {
         let Some(mut links) = self.links.take() else { return self.summary(self.clock.now()) };
         self.summed = Some((self.clock.now(), self.counts.heard));
+        let asked = Arc::clone(&self.asked);
         let mut tick = interval(TICK);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
@@ -186,6 +204,7 @@ impl Daemon {
                 biased;
                 () = cancel.cancelled() => break,
                 _ = tick.tick() => self.tick(),
+                () = asked.notified() => tracing::info!("{}", self.summary(self.clock.now())),
                 Some(event) = links.events.recv() => self.link_event(&event),
                 frame = links.inbound.recv() => {
                     let Some(frame) = frame else { break };
@@ -197,11 +216,11 @@ impl Daemon {
                 }
             }
         }
+        let code = self.state().1;
+        self.transmitter.broadcast(&heartbeat(SystemStatus::PowerOff, code));
         let now = self.clock.now();
         let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
         self.keeping.end(now, &self.pipeline, self.session.vehicle(), &moment);
-        let code = self.state().1;
-        self.transmitter.broadcast(&heartbeat(SystemStatus::PowerOff, code));
         tokio::time::sleep(LAST_WORDS).await;
         self.summary(self.clock.now())
     }
@@ -354,7 +373,7 @@ impl Daemon {
         }
         match input {
             Input::Sample(Sample::Imu(s)) => {
-                if let Some(news) = self.watch.heard(at) {
+                if let Some(news) = self.watch.heard(self.clock.now()) {
                     self.imu_news(news);
                 }
                 if self.keeping.waits() {
@@ -561,6 +580,7 @@ impl Daemon {
             words_withheld: self.status_texts.withheld(),
             reboots: self.decoder.clock().reboots(),
             signing: self.transmitter.handles().signing(),
+            lines_lost: self.log.as_ref().map_or(0, LogHandle::lost),
         }
     }
 }

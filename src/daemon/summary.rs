@@ -64,6 +64,8 @@ pub struct Summary {
     pub reboots: u32,
     /// What became of signatures.
     pub signing: SigningCounts,
+    /// Lines of the log that could not be written.
+    pub lines_lost: u64,
 }
 
 /// How it stands with the hand-over.
@@ -145,6 +147,7 @@ impl Summary {
             (self.unsent, "dropped on the way out"),
             (self.words_withheld, "words withheld"),
             (u64::from(self.reboots), "reboots"),
+            (self.lines_lost, "lines of the log lost"),
         ] {
             if n > 0 {
                 write!(f, ", {n} {what}")?;

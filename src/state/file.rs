@@ -2,8 +2,8 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::Duration;
 
 use super::kept::{KeptState, StateError};
 use crate::files::{keep, read_plain};
@@ -40,8 +40,12 @@ pub fn read(folder: &Path, system: SystemId) -> Result<KeptState, StateError> {
 #[derive(Debug)]
 pub struct StateFile {
     states: Option<SyncSender<Box<KeptState>>>,
-    thread: Option<JoinHandle<()>>,
+    /// Says nothing, and ends with the thread.
+    ended: Receiver<()>,
 }
+
+/// How long a disk may take for the last state when the process ends.
+const LAST_STATE: Duration = Duration::from_millis(40);
 
 impl StateFile {
     /// Begins a thread that writes into `folder`.
@@ -52,7 +56,9 @@ impl StateFile {
         // What waits while one is written is the newest but one at worst.
         let (states, waiting) = sync_channel::<Box<KeptState>>(1);
         let path = path_of(&folder, system);
-        let thread = std::thread::Builder::new().name("state".to_owned()).spawn(move || {
+        let (ends, ended) = sync_channel::<()>(0);
+        std::thread::Builder::new().name("state".to_owned()).spawn(move || {
+            let _ends = ends;
             let mut told = false;
             for kept in waiting {
                 if let Err(e) = kept.encode().map_err(io::Error::from).and_then(|bytes| keep(&path, &bytes))
@@ -62,7 +68,7 @@ impl StateFile {
                 }
             }
         })?;
-        Ok(Self { states: Some(states), thread: Some(thread) })
+        Ok(Self { states: Some(states), ended })
     }
 
     /// Hands a state over to be written; one that comes while the disk is busy is left out.
@@ -75,11 +81,9 @@ impl StateFile {
 }
 
 impl Drop for StateFile {
-    /// What waits is written first.
+    /// What waits is written first, where the disk is not slow.
     fn drop(&mut self) {
         self.states = None;
-        if let Some(thread) = self.thread.take() {
-            drop(thread.join());
-        }
+        let _ = self.ended.recv_timeout(LAST_STATE);
     }
 }

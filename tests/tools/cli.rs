@@ -3,6 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::process::{Command, Stdio};
 
 use crate::command::{COPTER, PX4, Ran, bytes_of, holdover, holdover_with, records, sitl_log, write_log};
 use serde_json::Value;
@@ -449,4 +450,52 @@ fn a_reader_that_has_seen_enough_is_no_panic() {
     let err = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{err}");
     assert!(err.is_empty(), "{err}");
+}
+
+/// The command with these as its standard output and error; its exit code, and what it told where that can be read.
+fn written_to(arguments: &[&str], out: Stdio, err: Stdio) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_holdover"))
+        .args(arguments)
+        // Worth a word on standard error, whatever the command.
+        .env("HOLDOVER_NO_SUCH", "1")
+        .stdin(Stdio::null())
+        .stdout(out)
+        .stderr(err)
+        .output()
+        .unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn every_command_survives_a_closed_and_a_full_output() {
+    let full = || Stdio::from(fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
+    let closed = || {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        Stdio::from(writer)
+    };
+    let log = sitl_log(COPTER);
+    let log = log.to_str().unwrap();
+    let commands: &[&[&str]] = &[
+        &["check", "--all"],
+        &["check", "--json"],
+        &["check", "--defaults"],
+        &["inspect", log],
+        &["replay", log, "--json"],
+        &["evaluate", log, "--lengths", "20", "--starts", "1"],
+        &["stress", log, "--starts", "1", "--length", "20", "--fault", "flow:zero@5..15"],
+        &["run", "--dry-run"],
+    ];
+    for arguments in commands {
+        let (code, told) = written_to(arguments, full(), Stdio::piped());
+        assert_eq!(code, Some(1), "{arguments:?}: {told}");
+        assert!(told.contains("standard output: No space left"), "{arguments:?}: {told}");
+        assert_eq!(written_to(arguments, closed(), Stdio::piped()).0, Some(0), "{arguments:?}");
+    }
+    for stderr in [full, closed] {
+        assert_eq!(written_to(&["check"], Stdio::null(), stderr()).0, Some(0));
+        assert_eq!(written_to(&["inspect", log], Stdio::null(), stderr()).0, Some(0));
+        assert_eq!(written_to(&["inspect", "nothing.tlog"], Stdio::null(), stderr()).0, Some(3));
+        assert_eq!(written_to(&["check", "--set", "no.such=1"], Stdio::null(), stderr()).0, Some(2));
+    }
 }

@@ -15,4 +15,5 @@ mod paused;
 mod peers;
 mod restart;
 mod sensor_link;
+mod signals;
 mod signing;

@@ -148,7 +148,7 @@ impl AllKeys {
             streams: self.streams.settings(),
             statustext: self.outbound.statustext,
             source_switch: self.handover.settings(&tuning.handover, complain),
-            log_level: self.log.level.clone(),
+            log: self.log.settings(),
             state: StateDirectory::new(&self.state.dir),
             pipeline: PipelineSettings { navigator: self.navigator(complain), outbound, profile },
         }

@@ -1,6 +1,7 @@
 //! `[outbound]` and `[log]`: what the autopilot is told, and what the operator.
 
 use crate::config::key::section;
+use crate::config::{LogSettings, LogTo};
 use crate::outbound::{Carriage, Coasting, Covariance, Publish};
 
 section! {
@@ -24,9 +25,23 @@ section! {
 }
 
 section! {
-    /// The daemon's log, on standard error.
+    /// The daemon's log.
     "log" struct LogKeys {
         /// How much to say.
         level: String = "info" of "error" | "warn" | "info" | "debug" | "trace";
+        /// Where to: "auto" is the journal where systemd has connected standard error with it, and standard error elsewhere.
+        to: LogTo = "auto" of "auto" | "stderr" | "journal";
+        /// How often a line of one kind is told; what comes more often is counted, and the count is told when the minute is over. 0 is no limit.
+        lines_per_event_per_min: u32 = 60 in 0.0 ..= 1_000_000.0 unit "1/min";
+    }
+}
+
+impl LogKeys {
+    pub(super) fn settings(&self) -> LogSettings {
+        LogSettings {
+            level: self.level.clone(),
+            to: self.to,
+            lines_per_event_per_min: self.lines_per_event_per_min,
+        }
     }
 }

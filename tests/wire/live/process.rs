@@ -36,7 +36,8 @@ impl Holdover {
         Self::start(args, full.into())
     }
 
-    fn start(args: &[&str], stderr: Stdio) -> Self {
+    /// The same with another place for its log.
+    pub fn start(args: &[&str], stderr: Stdio) -> Self {
         // What one test's vehicle has left is nothing to another's.
         let keeps = args.iter().any(|a| a.starts_with("state.dir"));
         let forgetful = if keeps { &[][..] } else { &["--set", "state.dir=\"\""][..] };
