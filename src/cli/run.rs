@@ -12,7 +12,7 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
 use crate::config::{LOG_VARIABLE, Loaded, Origin, Settings};
-use crate::daemon::lines::{self, LogError, LogHandle};
+use crate::daemon::lines::{self, LinesError, LogHandle};
 use crate::daemon::{Daemon, Summary, endpoints, link_config};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
@@ -66,7 +66,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let clock = CompanionClock::new();
     let directives = std::env::var(LOG_VARIABLE).ok().filter(|v| !v.is_empty());
     let log = lines::start(&loaded.settings.log, directives.as_deref(), &clock).map_err(|e| match e {
-        LogError::Directives(e) => Failure::Usage(format!("{LOG_VARIABLE}: {e}")),
+        LinesError::Directives(e) => Failure::Usage(format!("{LOG_VARIABLE}: {e}")),
         e => Failure::Other(e.to_string()),
     })?;
     let reload = Reload::new(&loaded, directives.is_some());
@@ -124,7 +124,7 @@ struct Signals {
 
 /// What is to be done.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Order {
+enum SignalOrder {
     /// End, for the signal of this name.
     End(&'static str),
     /// Read the configuration again.
@@ -146,22 +146,22 @@ impl Signals {
         })
     }
 
-    async fn next(&mut self) -> Order {
+    async fn next(&mut self) -> SignalOrder {
         let [one, two] = &mut self.user;
         tokio::select! {
             biased;
-            _ = self.terminate.recv() => Order::End("SIGTERM"),
-            _ = self.interrupt.recv() => Order::End("SIGINT"),
-            _ = self.hang_up.recv() => Order::Reload,
-            _ = one.recv() => Order::Summary,
-            _ = two.recv() => Order::Nothing,
+            _ = self.terminate.recv() => SignalOrder::End("SIGTERM"),
+            _ = self.interrupt.recv() => SignalOrder::End("SIGINT"),
+            _ = self.hang_up.recv() => SignalOrder::Reload,
+            _ = one.recv() => SignalOrder::Summary,
+            _ = two.recv() => SignalOrder::Nothing,
         }
     }
 
     /// The order to end; others are not obeyed yet.
     async fn end(&mut self) -> &'static str {
         loop {
-            if let Order::End(name) = self.next().await {
+            if let SignalOrder::End(name) = self.next().await {
                 return name;
             }
         }
@@ -253,17 +253,17 @@ async fn attend(
         tokio::select! {
             biased;
             order = signals.next() => match order {
-                Order::End(name) => {
+                SignalOrder::End(name) => {
                     tracing::info!("{name}: ends");
                     break;
                 }
-                Order::Reload => {
+                SignalOrder::Reload => {
                     // A slow disk holds up nothing but this.
                     let (settings, send) = (settings.clone(), send.clone());
                     drop(tokio::task::spawn_blocking(move || drop(send.try_send(read(&settings)))));
                 }
-                Order::Summary => asked.notify_one(),
-                Order::Nothing => tracing::warn!("SIGUSR2 means nothing; SIGUSR1 asks for a summary"),
+                SignalOrder::Summary => asked.notify_one(),
+                SignalOrder::Nothing => tracing::warn!("SIGUSR2 means nothing; SIGUSR1 asks for a summary"),
             },
             Some(loaded) = reread.recv() => match loaded {
                 Ok(loaded) => reload.take(&loaded, log),

@@ -5,7 +5,9 @@
 //! sample: when the stream stops, so does the output.
 
 mod hand_over;
+mod imu_told;
 mod keeping;
+mod lateness;
 pub mod lines;
 mod severity;
 mod summary;
@@ -45,10 +47,11 @@ use crate::wire::session::transmitter::Transmitter;
 use crate::wire::signing::SigningWatch;
 
 use keeping::{Keeping, Moment};
+use lateness::LateWatch;
 use lines::LogHandle;
 use severity::severity_of;
 pub use summary::Summary;
-use watch::{ImuNews, ImuWatch};
+use watch::ImuWatch;
 
 /// Timers are looked at this often.
 const TICK: Duration = Duration::from_millis(50);
@@ -125,6 +128,7 @@ pub struct Daemon {
     mask: GnssMask,
     status_texts: StatusTextSender,
     watch: ImuWatch,
+    lateness: LateWatch,
     beat: HeartbeatSender,
     keeping: Keeping,
     signing: SigningWatch,
@@ -161,6 +165,9 @@ impl Daemon {
             mask: GnssMask::new(deny_gnss),
             status_texts: StatusTextSender::new(settings.statustext),
             watch: ImuWatch::new(Span::from_seconds(settings.pipeline.navigator.imu.max_gap_s)),
+            lateness: LateWatch::new(Span::from_millis(
+                i64::try_from(settings.link.stale_output_ms).unwrap_or(i64::MAX),
+            )),
             beat: HeartbeatSender::default(),
             keeping: Keeping::default(),
             signing: SigningWatch::default(),
@@ -348,6 +355,7 @@ impl Daemon {
             let text = format!("the autopilot is heard on {} now", received.link);
             self.say(Severity::Notice, &text);
             self.session.restart();
+            self.lateness.restart();
         }
         listened
     }
@@ -373,9 +381,11 @@ impl Daemon {
         }
         match input {
             Input::Sample(Sample::Imu(s)) => {
-                if let Some(news) = self.watch.heard(self.clock.now()) {
+                let now = self.clock.now();
+                if let Some(news) = self.watch.heard(now) {
                     self.imu_news(news);
                 }
+                self.look_for_lateness(s.time, at, now);
                 if self.keeping.waits() {
                     self.resume(s.time);
                 }
@@ -384,9 +394,11 @@ impl Daemon {
             Input::Clock(ClockEvent::Reboot { .. }) => {
                 self.say(Severity::Warning, "the autopilot rebooted");
                 self.session.reboot();
+                self.lateness.restart();
             }
             Input::Clock(ClockEvent::Gap(span)) => {
                 tracing::warn!("the autopilot's stamps have a gap of {:.1} s", span.seconds());
+                self.lateness.restart();
             }
             _ => {}
         }
@@ -414,6 +426,8 @@ impl Daemon {
 
     fn send_position(&mut self, message: &OutboundMessage, at: Stamp<Companion>) {
         let now = self.clock.now();
+        // As old as it is for having come late.
+        let at = at - self.lateness.excess();
         if now - at > self.stale_after {
             self.counts.late += 1;
             return;
@@ -444,20 +458,6 @@ impl Daemon {
         }
         for message in self.status_texts.say(self.clock.now(), severity, text) {
             self.transmitter.answer(&message);
-        }
-    }
-
-    fn imu_news(&mut self, news: ImuNews) {
-        match news {
-            ImuNews::NeverCame => {
-                self.say(Severity::Critical, "no IMU message comes: nothing to navigate with")
-            }
-            ImuNews::Silent(span) => {
-                self.say(Severity::Critical, &format!("IMU silent for {:.1} s", span.seconds()));
-            }
-            ImuNews::Back(span) => {
-                self.say(Severity::Notice, &format!("IMU is back after {:.1} s", span.seconds()));
-            }
         }
     }
 
@@ -518,6 +518,7 @@ impl Daemon {
                 if self.transmitter.route().link() == Some(link) {
                     self.say(Severity::Notice, "the link is up again");
                     self.session.restart();
+                    self.lateness.restart();
                 }
             }
             LinkEventKind::Retry { .. } => {

@@ -1,4 +1,4 @@
-//! The real daemon stopped for two seconds in an outage: what was read late is not sent as if it were new, on any transport.
+//! The real daemon stopped for two seconds in an outage, or told late: what is old is not sent as if it were new, on any transport.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -152,4 +152,37 @@ async fn no_old_position_is_sent_after_a_pause_over_a_serial_port() {
         drop(tokio::time::timeout(Duration::from_millis(20), writer.write_all(burst)).await);
     };
     paused(&mut holdover, &flight, &ages, send).await;
+}
+
+#[tokio::test]
+async fn positions_that_stand_on_late_samples_are_not_sent_as_present() {
+    let (flight, ages) = (Flight::load(COPTER, 110.0), Arc::new(Mutex::new(Ages::default())));
+    let mut holdover = start("udpin:127.0.0.1:0");
+    let to: SocketAddr = holdover.address();
+    let socket = Arc::new(UdpSocket::bind("127.0.0.1:0").await.unwrap());
+    let (ears, heard) = (Arc::clone(&socket), Arc::clone(&ages));
+    tokio::spawn(async move {
+        let mut buffer = [0; 2000];
+        while let Ok(n) = ears.recv(&mut buffer).await {
+            heard.lock().unwrap().hears(&buffer[..n]);
+        }
+    });
+    let send = async |burst: &[u8]| {
+        ages.lock().unwrap().sends(burst);
+        socket.send_to(burst, to).await.unwrap();
+    };
+    send(flight.heartbeat()).await;
+    flight.play(0.0, REAL_TIME_S, SPEED, send).await;
+    flight.play(REAL_TIME_S, REAL_TIME_S + 1.5, 1.0, send).await;
+    let sent = ages.lock().unwrap().odometry.len();
+    assert!(sent > 0, "{}", holdover.log());
+    // Something on the way keeps everything back for 1.5 s from now on.
+    sleep(Duration::from_millis(1500)).await;
+    let before = ages.lock().unwrap().odometry.len();
+    flight.play(REAL_TIME_S + 1.5, REAL_TIME_S + 4.5, 1.0, send).await;
+    sleep(Duration::from_millis(300)).await;
+    holdover.stop();
+    assert_eq!(holdover.told("s late: no position is sent"), 1, "{}", holdover.log());
+    let after = ages.lock().unwrap().odometry.len() - before;
+    assert_eq!(after, 0, "positions of 1.5 s ago were sent\n{}", holdover.log());
 }

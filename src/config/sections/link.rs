@@ -25,7 +25,7 @@ section! {
         reconnect_max_ms: u64 = 5000 in 10.0 ..= 600_000.0 was "link.reconnect_max_ms";
         /// Frames that may wait between a link and the navigator; more are dropped and counted.
         queue_frames: usize = 1024 in 16.0 ..= 65_536.0 unit "" was "link.queue_frames";
-        /// A message that waited this long for a slow link is dropped: late is worse than never.
+        /// A message that waited this long for a slow link is dropped, and so is a position that stands on an IMU sample which arrived this long ago, or this much later than the link explains: late is worse than never.
         stale_output_ms: u64 = 200 in 20.0 ..= 10_000.0 was "link.stale_output_ms";
         /// An autopilot's heartbeats must come from a UDP address for this long before it is answered; with IMU messages for a quarter of it.
         peer_confirm_ms: u64 = 2000 in 20.0 ..= 60_000.0;

@@ -26,7 +26,7 @@ const LONGEST: usize = 2000;
 
 /// Why there is no log.
 #[derive(Debug, thiserror::Error)]
-pub enum LogError {
+pub enum LinesError {
     /// What is to be told cannot be understood.
     #[error("{0}")]
     Directives(#[from] tracing_subscriber::filter::ParseError),
@@ -53,28 +53,28 @@ pub struct LogHandle {
 /// Starts the log of this process. `directives` (as in `info,holdover::wire=debug`) override the configured level.
 ///
 /// # Errors
-/// [`LogError`].
+/// [`LinesError`].
 pub fn start(
     settings: &LogSettings,
     directives: Option<&str>,
     clock: &CompanionClock,
-) -> Result<LogHandle, LogError> {
+) -> Result<LogHandle, LinesError> {
     let (filter, reloaded) = reload::Layer::new(EnvFilter::try_new(directives.unwrap_or(&settings.level))?);
     let queue = LineQueue::start(sink(settings.to)?)?;
     let limit = Arc::new(Mutex::new(LineLimit::new(settings.lines_per_event_per_min)));
     let lines = Lines { queue: queue.clone(), limit: Arc::clone(&limit), clock: clock.clone() };
     let subscriber = Registry::default().with(filter).with(lines);
-    subscriber.try_init().map_err(|e| LogError::Twice(e.to_string()))?;
+    subscriber.try_init().map_err(|e| LinesError::Twice(e.to_string()))?;
     Ok(LogHandle { queue, limit, filter: reloaded, clock: clock.clone() })
 }
 
-fn sink(to: LogTo) -> Result<Sink, LogError> {
+fn sink(to: LogTo) -> Result<Sink, LinesError> {
     // Not by the library's handle: who waits for its lock would wait for as long as the line of another.
     let stream = File::from(io::stderr().as_fd().try_clone_to_owned()?);
     let told = std::env::var("JOURNAL_STREAM").ok();
     let journal = match to {
         LogTo::Stderr => None,
-        LogTo::Journal => Some(Journal::open().map_err(LogError::NoJournal)?),
+        LogTo::Journal => Some(Journal::open().map_err(LinesError::NoJournal)?),
         LogTo::Auto if leads_to_journal(&stream, told.as_deref()) => Journal::open().ok(),
         LogTo::Auto => None,
     };
@@ -103,10 +103,10 @@ impl LogHandle {
     /// Another level from now on.
     ///
     /// # Errors
-    /// [`LogError::Directives`], [`LogError::Io`].
-    pub fn set_level(&self, level: &str) -> Result<(), LogError> {
+    /// [`LinesError::Directives`], [`LinesError::Io`].
+    pub fn set_level(&self, level: &str) -> Result<(), LinesError> {
         let filter = EnvFilter::try_new(level)?;
-        self.filter.reload(filter).map_err(|e| LogError::Io(io::Error::other(e)))
+        self.filter.reload(filter).map_err(|e| LinesError::Io(io::Error::other(e)))
     }
 }
 
@@ -119,7 +119,7 @@ struct Lines {
 
 impl<S: Subscriber> Layer<S> for Lines {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut words = Words(String::new());
+        let mut words = LineWords(String::new());
         event.record(&mut words);
         let (level, text) = (*event.metadata().level(), words.0);
         let mut time = String::new();
@@ -138,9 +138,9 @@ impl<S: Subscriber> Layer<S> for Lines {
 }
 
 /// The message of an event, and its other fields as `name=value`, in one line: what another has sent must not look like lines of ours.
-struct Words(String);
+struct LineWords(String);
 
-impl Words {
+impl LineWords {
     fn add(&mut self, field: &Field, value: fmt::Arguments<'_>) {
         let mut text = String::new();
         // Writing to a string does not fail.
@@ -153,7 +153,7 @@ impl Words {
     }
 }
 
-impl Visit for Words {
+impl Visit for LineWords {
     fn record_str(&mut self, field: &Field, value: &str) {
         self.add(field, format_args!("{value}"));
     }

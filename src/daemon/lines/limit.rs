@@ -22,12 +22,12 @@ const OTHERS: u64 = u64::MAX;
 #[derive(Debug)]
 pub(super) struct LineLimit {
     per_min: u32,
-    kinds: HashMap<u64, Kind>,
+    kinds: HashMap<u64, LineKind>,
     swept: Option<Stamp<Companion>>,
 }
 
 #[derive(Debug)]
-struct Kind {
+struct LineKind {
     since: Stamp<Companion>,
     lines: u32,
     held: u64,
@@ -72,7 +72,7 @@ impl LineLimit {
         if self.kinds.len() >= KINDS && !self.kinds.contains_key(&key) {
             key = OTHERS;
         }
-        let fresh = || Kind { since: now, lines: 0, held: 0, level, text: String::new() };
+        let fresh = || LineKind { since: now, lines: 0, held: 0, level, text: String::new() };
         let kind = self.kinds.entry(key).or_insert_with(fresh);
         if kind.lines < self.per_min {
             kind.lines += 1;

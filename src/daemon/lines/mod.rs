@@ -8,4 +8,4 @@ mod layer;
 mod limit;
 mod queue;
 
-pub use layer::{LogError, LogHandle, start};
+pub use layer::{LinesError, LogHandle, start};

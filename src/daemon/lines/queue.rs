@@ -34,7 +34,7 @@ pub(super) enum Sink {
 
 /// What became of the lines.
 #[derive(Debug, Default)]
-struct Counts {
+struct LineCounts {
     queued: AtomicU64,
     /// Written, or failed to be.
     done: AtomicU64,
@@ -45,14 +45,14 @@ struct Counts {
 #[derive(Clone, Debug)]
 pub(super) struct LineQueue {
     lines: SyncSender<Line>,
-    counts: Arc<Counts>,
+    counts: Arc<LineCounts>,
 }
 
 impl LineQueue {
     /// Starts the thread that writes into `sink`. It is not waited for: it may be held up for ever.
     pub(super) fn start(sink: Sink) -> io::Result<Self> {
         let (lines, waiting) = sync_channel(CAPACITY);
-        let counts = Arc::new(Counts::default());
+        let counts = Arc::new(LineCounts::default());
         let counted = Arc::clone(&counts);
         std::thread::Builder::new().name("log".to_owned()).spawn(move || write(sink, &waiting, &counted))?;
         Ok(Self { lines, counts })
@@ -82,7 +82,7 @@ impl LineQueue {
     }
 }
 
-fn write(mut sink: Sink, waiting: &Receiver<Line>, counts: &Counts) {
+fn write(mut sink: Sink, waiting: &Receiver<Line>, counts: &LineCounts) {
     let mut told = 0;
     for line in waiting {
         let lost = counts.lost.load(Ordering::Acquire);

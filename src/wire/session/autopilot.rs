@@ -89,6 +89,12 @@ impl AutopilotSession {
         Some((sync.offset()?, sync.round_trip()?))
     }
 
+    /// The autopilot's clock less ours at `at`, and the shortest round trip.
+    pub fn timesync_at(&self, at: Stamp<Companion>) -> Option<(Span, Span)> {
+        let sync = &self.dialogue.as_ref()?.sync;
+        Some((sync.offset_at(at)?, sync.round_trip()?))
+    }
+
     /// Questions of the autopilot that were answered.
     pub fn answered(&self) -> u64 {
         self.dialogue.as_ref().map_or(0, |d| d.sync.counters().answered)
