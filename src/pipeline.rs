@@ -110,8 +110,8 @@ impl Pipeline {
                 self.navigator.set_status(*status);
                 None
             }
-            Input::Clock(ClockEvent::Reboot { after, .. }) => {
-                self.navigator.reboot(*after);
+            Input::Clock(ClockEvent::Reboot { before, after, known }) => {
+                self.navigator.reboot(*after, known.then(|| after.seconds_since(*before)));
                 self.outbound.restart();
                 None
             }

@@ -56,6 +56,8 @@ pub enum ClockEvent {
         before: AutopilotTime,
         /// The first time after.
         after: AutopilotTime,
+        /// Whether the time between is known, by the arrival of both; else it is a second.
+        known: bool,
     },
     /// The stream had a hole of this length.
     Gap(Span),

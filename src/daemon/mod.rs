@@ -278,7 +278,7 @@ impl Daemon {
             _ => return,
         }
         let mut inputs = std::mem::take(&mut self.inputs);
-        self.decoder.decode(&frame, &mut inputs);
+        self.decoder.decode(&frame, Some(at), &mut inputs);
         self.session.stamped(self.decoder.clock().newest(), at);
         self.take(inputs, at);
     }

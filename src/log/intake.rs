@@ -85,6 +85,13 @@ impl Intake {
         time
     }
 
+    /// What time of day it was at a stamp, µs since 1970 and since boot, as a receiver tells it.
+    pub(super) fn date(&mut self, unix_us: u64, boot_us: u64) {
+        if let Err(cause) = self.clock.system_time(unix_us, (boot_us / 1000) as u32) {
+            self.counters.count(cause);
+        }
+    }
+
     /// When a sample was measured that was logged at `logged`, a stamp of `logged_us`: its own stamp where it has one that can be.
     pub(super) fn measured(logged: AutopilotTime, logged_us: u64, sample_us: Option<u64>) -> AutopilotTime {
         let late = sample_us.and_then(|s| i64::try_from(logged_us.checked_sub(s)?).ok());

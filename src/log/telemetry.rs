@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 
-use crate::time::Stamp;
+use crate::time::{Companion, Stamp};
 use crate::wire::decode::Decoder;
 use crate::wire::frame::SystemId;
 use crate::wire::messages;
@@ -45,6 +45,11 @@ pub(super) fn vehicle(
     Ok(Err(Silent { frames: reader.counters().frames, wanted, heard: heard.join(", ") }))
 }
 
+/// When a record was written, where its log says so.
+fn written(us: u64) -> Option<Stamp<Companion>> {
+    i64::try_from(us).ok().filter(|us| *us > 0).map(Stamp::from_micros)
+}
+
 /// Reads such a log to its end.
 pub(super) fn play(
     bytes: impl Read,
@@ -63,7 +68,7 @@ pub(super) fn play(
         let name = *names.entry(id).or_insert_with(|| messages::name_of(id));
         signed += u64::from(frame.is_signed());
         (to.entry)(&Entry { name, id, system: frame.system().0, component: frame.component().0 });
-        decoder.decode(frame, &mut items);
+        decoder.decode(frame, written(record.written_us), &mut items);
         for i in items.drain(..) {
             (to.item)(decoder.clock(), &i);
         }

@@ -75,6 +75,7 @@ use shadow::MeasuredDrift;
 use solution::{Mode, Solution};
 use sources::SourceSet;
 use sources::status::{SourceId, SourceReport, StatusBoard};
+use tuning::memory::MOST_GAP_S;
 use verdict::Verdict;
 
 /// See the module's documentation.
@@ -151,8 +152,15 @@ impl Navigator {
         self.core.integrity.bad(time, GnssFault::Masked);
     }
 
-    /// The autopilot rebooted: the vehicle stands, nothing else is certain.
-    pub fn reboot(&mut self, time: AutopilotTime) {
+    /// The autopilot rebooted: the vehicle stands, nothing else is certain. In an outage there is nothing to begin anew with: what is known is
+    /// carried over it as over any hole in the stream, if it is known how long that was and a vehicle does not get far in it. `time` is that of
+    /// the first sample after it, `for_s` what it took since the last before, s, where that is known.
+    pub fn reboot(&mut self, time: AutopilotTime, for_s: Option<f64>) {
+        let short = for_s.is_some_and(|s| s <= MOST_GAP_S);
+        let outage = self.core.dead_reckoning() || self.core.mode == Mode::Rejoining;
+        if outage && short && self.core.estimator.doubt_gyros() {
+            return;
+        }
         self.reset(&Reset::Reboot);
         self.core.change_mode(time, Mode::Aligning, TransitionReason::Reboot);
     }

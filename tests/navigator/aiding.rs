@@ -116,7 +116,7 @@ fn airspeed_is_not_for_multirotors_and_drag_not_for_wings() {
         let wing = airframe == Airframe::FixedWing;
         assert_eq!(after[0] > before[0], wing);
         assert_eq!(after[1] > before[1], !wing);
-        navigator.reboot(Simulation::ap_time(0.0));
+        navigator.reboot(Simulation::ap_time(0.0), None);
     }
 }
 

@@ -16,6 +16,8 @@ use holdover::sim::Truth;
 struct Hole {
     seconds: f64,
     gnss: bool,
+    /// The autopilot boots in it.
+    reboots: bool,
 }
 
 /// What was seen after a hole, times in seconds after its end.
@@ -28,8 +30,12 @@ struct After {
 /// Flies on from where the vehicle is ready, with `navigator` in its place.
 fn fly_over(flight: &Flight, from: usize, mut navigator: Navigator, hole: Hole) -> After {
     let end_s = FAULT_S + hole.seconds;
+    let mut reboots = hole.reboots;
     let give = |navigator: &mut Navigator, step: &Step, sample: &Sample| {
         let missing = (FAULT_S..end_s).contains(&step.t_s);
+        if step.t_s >= end_s && std::mem::take(&mut reboots) {
+            navigator.reboot(sample.time(), Some(hole.seconds));
+        }
         let masked = !hole.gnss && step.t_s >= LOST_S && sample.kind() == SampleKind::Gnss;
         if !missing && !masked {
             navigator.ingest(sample);
@@ -104,10 +110,10 @@ const LONG: [f64; 4] = [1.6, 3.0, 5.0, 10.0];
 fn a_short_hole_is_no_loss_of_gnss() {
     for (vehicle, ready) in [("wing", ready_wing()), ("rotor", ready_rotor())] {
         let untimely = |n: &Navigator| n.statuses().rejected(SampleKind::Gnss).map(|(_, n)| n).sum::<u64>();
-        let whole = over(ready, Hole { seconds: 0.0, gnss: true });
+        let whole = over(ready, Hole { seconds: 0.0, gnss: true, reboots: false });
         for seconds in SHORT {
             let what = format!("{vehicle}: {seconds} s");
-            let after = over(ready, Hole { seconds, gnss: true });
+            let after = over(ready, Hole { seconds, gnss: true, reboots: false });
             after.honest(&what);
             assert_eq!(after.modes(), [], "{what}: {:?}", after.events);
             assert!(after.events.iter().any(|(_, e)| matches!(e, EventKind::Bridged(_))), "{what}");
@@ -125,7 +131,7 @@ fn a_hole_in_an_outage_is_carried_over_and_flow_carries_on() {
     for (vehicle, ready) in [("wing", ready_wing()), ("rotor", ready_rotor())] {
         for seconds in SHORT.into_iter().chain(LONG) {
             let what = format!("{vehicle}: {seconds} s");
-            let after = over(ready, Hole { seconds, gnss: false });
+            let after = over(ready, Hole { seconds, gnss: false, reboots: false });
             after.honest(&what);
             assert!(after.first_s() <= 0.26, "{what}: the first solution after {} s", after.first_s());
             assert_eq!(after.at(0.5).2.velocity_source, VelocitySource::Flow, "{what}");
@@ -142,11 +148,34 @@ fn a_hole_in_an_outage_is_carried_over_and_flow_carries_on() {
 }
 
 #[test]
+fn a_reboot_in_an_outage_is_a_hole() {
+    for (vehicle, ready) in [("wing", ready_wing()), ("rotor", ready_rotor())] {
+        for seconds in LONG {
+            let what = format!("{vehicle}: {seconds} s");
+            let after = over(ready, Hole { seconds, gnss: false, reboots: true });
+            after.honest(&what);
+            assert!(!after.modes().contains(&Mode::Aligning), "{what}: {:?}", after.events);
+            assert!(after.first_s() <= 0.26, "{what}: the first solution after {} s", after.first_s());
+            assert_eq!(after.at(0.5).2.velocity_source, VelocitySource::Flow, "{what}");
+        }
+    }
+    // With GNSS it begins anew, and after minutes nothing that flies is where it was.
+    let mut navigator = ready_rotor().navigator.clone();
+    let now = navigator.solution().unwrap().time;
+    navigator.reboot(now, Some(1.0));
+    assert_eq!(navigator.mode(), Mode::Aligning);
+    let mut navigator = over(ready_rotor(), Hole { seconds: 0.0, gnss: false, reboots: false }).navigator;
+    assert_eq!(navigator.mode(), Mode::Holdover);
+    navigator.reboot(navigator.solution().unwrap().time, Some(200.0));
+    assert_eq!(navigator.mode(), Mode::Aligning);
+}
+
+#[test]
 fn gnss_that_comes_back_after_a_long_hole_is_joined_within_seconds() {
     for (vehicle, ready) in [("wing", ready_wing()), ("rotor", ready_rotor())] {
         for seconds in LONG {
             let what = format!("{vehicle}: {seconds} s");
-            let after = over(ready, Hole { seconds, gnss: true });
+            let after = over(ready, Hole { seconds, gnss: true, reboots: false });
             after.honest(&what);
             let (mode, source) = (after.at(5.0).2.mode, after.at(5.0).2.velocity_source);
             assert!(matches!(mode, Mode::Aided | Mode::Rejoining), "{what}: {:?}", after.events);
@@ -166,7 +195,7 @@ fn air_and_drag_carry_on_where_there_is_no_flow() {
     for (flight, source) in [(wing, VelocitySource::Airspeed), (rotor, VelocitySource::Drag)] {
         for seconds in [0.85, 3.0, 6.0] {
             let what = format!("{} after {seconds} s", source.label());
-            let after = over_with(flight, &["flow.use=false"], Hole { seconds, gnss: false });
+            let after = over_with(flight, &["flow.use=false"], Hole { seconds, gnss: false, reboots: false });
             after.honest(&what);
             assert_eq!(after.at(3.0).2.velocity_source, source, "{what}: {:?}", after.events);
             let (_, v) = after.errors(20.0);
@@ -177,7 +206,7 @@ fn air_and_drag_carry_on_where_there_is_no_flow() {
 
 #[test]
 fn what_a_user_allows_decides_when_it_is_lost() {
-    let hole = Hole { seconds: 10.0, gnss: false };
+    let hole = Hole { seconds: 10.0, gnss: false, reboots: false };
     let flight = &ready_wing().flight;
     let patient = over_with(flight, &["holdover.max_sigma_m=500"], hole);
     patient.honest("patient");
@@ -195,7 +224,7 @@ fn what_a_user_allows_decides_when_it_is_lost() {
 fn a_heading_that_a_hole_has_lost_is_sought_when_gnss_is_back() {
     let flight = &ready_wing().flight;
     let set = ["flow.use=false", "magnetometer.use=false", "airspeed.use=false"];
-    let after = over_with(flight, &set, Hole { seconds: 5.0, gnss: true });
+    let after = over_with(flight, &set, Hole { seconds: 5.0, gnss: true, reboots: false });
     after.honest("no magnetometer");
     let sought = after.events.iter().find(|(_, e)| {
         matches!(e, EventKind::Mode { to: Mode::Aligning, reason: TransitionReason::HeadingLost, .. })
@@ -211,7 +240,7 @@ fn a_heading_that_a_hole_has_lost_is_sought_when_gnss_is_back() {
 fn what_is_refused_while_the_attitude_is_found_again_says_why() {
     let ready = ready_rotor();
     let refused = |seconds: f64| {
-        let after = over(ready, Hole { seconds, gnss: false });
+        let after = over(ready, Hole { seconds, gnss: false, reboots: false });
         let mut flow = after.navigator.statuses().rejected(SampleKind::Flow);
         flow.find(|(reason, _)| *reason == Reason::NoReferenceYet).map_or(0, |(_, n)| n)
     };

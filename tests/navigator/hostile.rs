@@ -56,7 +56,7 @@ fn run(frames: impl Iterator<Item = Vec<u8>>) -> Pipeline {
     let (mut items, mut out) = (Vec::new(), Vec::new());
     for bytes in frames {
         let (Scan::Frame(frame) | Scan::Unknown(frame)) = scan(&bytes, true) else { continue };
-        decoder.decode(&frame, &mut items);
+        decoder.decode(&frame, None, &mut items);
         for item in items.drain(..) {
             if let Some(solution) = pipeline.take(decoder.clock(), &item, &mut out) {
                 assert!(is_finite(&solution), "{item:?} gave {solution:?}");

@@ -397,7 +397,7 @@ fn a_reboot_begins_anew_and_a_hole_before_there_is_anything_to_carry_over_too() 
     log.navigator.ingest(&Sample::Imu(imu));
     assert_eq!(log.navigator.mode(), Mode::Holdover, "carried over");
     assert!(log.navigator.solution().is_none(), "which way is up has to be found first");
-    log.navigator.reboot(Simulation::ap_time(63.0));
+    log.navigator.reboot(Simulation::ap_time(63.0), None);
     assert!(log.navigator.solution().is_none());
     assert_eq!(log.navigator.mode(), Mode::Aligning);
     for t in [64.0, 70.0] {

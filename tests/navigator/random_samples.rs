@@ -121,7 +121,7 @@ enum Act {
     Fly(usize),
     /// GNSS is masked from now on.
     Mask,
-    Reboot,
+    Reboot(Option<f64>),
     Origin([f64; 3]),
     Date(f64),
 }
@@ -131,7 +131,7 @@ fn act() -> impl Strategy<Value = Act> {
         20 => (any_sample(), step_us()).prop_map(|(s, dt)| Act::Sample(Box::new(s), dt)),
         6 => (1usize..60).prop_map(Act::Fly),
         1 => Just(Act::Mask),
-        1 => Just(Act::Reboot),
+        1 => prop::option::of(0.0..100.0).prop_map(Act::Reboot),
         1 => [number(), number(), number()].prop_map(Act::Origin),
         1 => number().prop_map(Act::Date),
     ]
@@ -174,7 +174,7 @@ proptest! {
                     masked = true;
                     navigator.mask_gnss(now);
                 }
-                Act::Reboot => navigator.reboot(now),
+                Act::Reboot(for_s) => navigator.reboot(now, *for_s),
                 Act::Origin([lat, lon, up]) => {
                     let place = Geodetic { latitude_rad: *lat, longitude_rad: *lon, height_m: *up };
                     navigator.set_origin(now, place);

@@ -99,7 +99,7 @@ fn hear(decoder: &mut Decoder, system: u8, component: u8, message: &MavMessage) 
     let from = Address { system: SystemId(system), component: ComponentId(component) };
     let bytes = FrameWriter::new(from).write(message).unwrap();
     let mut items = Vec::new();
-    decoder.decode(&bytes.frame().unwrap(), &mut items);
+    decoder.decode(&bytes.frame().unwrap(), None, &mut items);
     items
 }
 

@@ -46,6 +46,14 @@ impl Eskf {
         }
     }
 
+    /// The gyros may have been calibrated anew: their biases may be others by this standard deviation, rad/s.
+    pub fn doubt_gyros(&mut self, sigma: f64) {
+        self.propagate_covariance();
+        for i in 0..3 {
+            self.p[(BG + i, BG + i)] += sigma * sigma;
+        }
+    }
+
     /// Goes on for `seconds` at constant velocity: p ← p + v·t, with its error likewise, and every walk walks on. Attitude and velocity stay.
     pub fn coast(&mut self, seconds: f64) {
         self.propagate_covariance();

@@ -84,7 +84,7 @@ fn gps(vehicle: &mut ArduPilot, m: &Told<'_>) -> Result<(), Cause> {
         && week > 0.0
     {
         let unix_s = GPS_EPOCH_S + week * WEEK_S + ms * 1e-3 - LEAP_S;
-        vehicle.intake.clock.system_time((unix_s * 1e6) as u64, (m.us / 1000) as u32);
+        vehicle.intake.date((unix_s * 1e6) as u64, m.us);
     }
     let fix = match m.row.byte("Status").ok_or(Cause::BadPayload)? {
         0 | 1 => GnssFix::None,

@@ -99,7 +99,7 @@ fn vehicle_gps_position(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
 
 fn receiver(px4: &mut Px4, m: &Logged<'_>, receiver: u8) -> Result<(), Cause> {
     if let Some(unix_us) = m.row.micros("time_utc_usec") {
-        px4.intake.clock.system_time(unix_us, (m.boot_us / 1000) as u32);
+        px4.intake.date(unix_us, m.boot_us);
     }
     let fix = match m.row.byte("fix_type").ok_or(Cause::BadPayload)? {
         0 | 1 => GnssFix::None,

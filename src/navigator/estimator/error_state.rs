@@ -413,6 +413,11 @@ impl ErrorStateStage {
         self.filter.doubt(&hole::doubt_between(gap_s));
     }
 
+    /// The gyros may have been calibrated anew, in motion.
+    pub(super) fn doubt_gyros(&mut self) {
+        self.filter.doubt_gyros(MOVING_GYRO_BIAS);
+    }
+
     /// Over a hole of `gap_s` with what was felt before and after, and the doubt that it leaves. `None` when that is not finite.
     pub(super) fn bridge(
         &mut self,

@@ -185,6 +185,13 @@ impl EstimatorStack {
         }
     }
 
+    /// The autopilot calibrates its gyros when it boots. False where no filter knows an attitude that goes on.
+    pub(super) fn doubt_gyros(&mut self) -> bool {
+        let Some(stage) = self.error_state_mut() else { return false };
+        stage.doubt_gyros();
+        true
+    }
+
     /// One IMU sample, over the interval before it: observer, then stage. `None` when the observer's state is not finite any more.
     pub(super) fn step(
         &mut self,

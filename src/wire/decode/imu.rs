@@ -5,11 +5,13 @@ use nalgebra::Vector3;
 
 use crate::geo::{Body, STANDARD_GRAVITY_MPS2};
 use crate::sample::{ImuSample, Input, MagSample, PressureSample, Sample};
-use crate::time::AutopilotTime;
+use crate::time::{AutopilotTime, Span};
 
 use super::{Cause, Decoder, Out, Repair, finite, limits, within};
 
 const TESLA_PER_GAUSS: f64 = 1e-4;
+/// An inertial measurement this much older than the newest is of no use to anybody.
+const LATE_INERTIA: Span = Span::from_millis(150);
 /// Places of [`Decoder`]'s field units.
 const HIGHRES_FIELD: usize = 0;
 const MILLI_FIELD: usize = 1;
@@ -103,7 +105,13 @@ impl Decoder {
             return if angular_rate_body == Vector3::zeros() { Ok(false) } else { Err(Cause::Absurd) };
         }
         let used = self.imu.take(rank, time);
+        // The navigator takes a stream that goes on in the past for a clock that was set back. That of a link is judged where arrival is known.
+        let newest = self.newest_inertial.map_or(time, |newest| newest.max(time));
+        if used && newest - time > LATE_INERTIA {
+            return Err(Cause::OutOfOrder);
+        }
         if used {
+            self.newest_inertial = Some(newest);
             let (angular_rate, specific_force) =
                 (Body::new(angular_rate_body), Body::new(specific_force_body));
             out.push(Input::Sample(Sample::Imu(ImuSample { time, angular_rate, specific_force })));

@@ -21,9 +21,9 @@ use mavlink::dialects::ardupilotmega::MavMessage;
 use nalgebra::Vector3;
 
 use crate::sample::{Input, VehicleStatus};
-use crate::time::{AutopilotTime, Span};
+use crate::time::{AutopilotTime, Companion, Span, Stamp};
 
-use super::clock::AutopilotClock;
+use super::clock::{Arrival, AutopilotClock};
 use super::counters::{Cause, Counters};
 use super::frame::{ComponentId, Frame, SystemId, cause_of};
 use super::gnss_integrity;
@@ -67,6 +67,7 @@ pub struct Decoder {
     clock: AutopilotClock,
     counters: Counters,
     imu: Preference<5>,
+    newest_inertial: Option<AutopilotTime>,
     pressure: Preference<2>,
     range: Preference<2>,
     attitude: Preference<2>,
@@ -98,6 +99,7 @@ impl Decoder {
             clock: AutopilotClock::new(),
             counters: Counters::default(),
             imu: Preference::default(),
+            newest_inertial: None,
             pressure: Preference::default(),
             range: Preference::default(),
             attitude: Preference::default(),
@@ -138,8 +140,9 @@ impl Decoder {
         self.repairs.take_news()
     }
 
-    /// Decodes `frame` and appends what it told to `out`. Frames of other systems, and anything rejected, are counted.
-    pub fn decode(&mut self, frame: &Frame<'_>, out: &mut Vec<Input>) {
+    /// Decodes `frame`, which came at `at` where that was noted, and appends what it told to `out`. Frames of other systems, and anything
+    /// rejected, are counted.
+    pub fn decode(&mut self, frame: &Frame<'_>, at: Option<Stamp<Companion>>, out: &mut Vec<Input>) {
         if self.vehicle != Some((frame.system(), frame.component())) {
             if self.vehicle.is_none_or(|(system, _)| system != frame.system()) {
                 return self.counters.count(Cause::WrongSystem);
@@ -152,6 +155,7 @@ impl Decoder {
         if !is_input(frame.message_id()) {
             return;
         }
+        self.clock.arrives(Arrival { at, sequence: frame.sequence(), message_id: frame.message_id() });
         let result = match frame.parse() {
             _ if frame.message_id() == gnss_integrity::ID => self.gnss_integrity(frame.payload()),
             Ok(message) if from_any_component(frame.message_id()) => {
@@ -230,8 +234,7 @@ impl Decoder {
 
     fn system_time(&mut self, m: &apm::SYSTEM_TIME_DATA) -> Result<(), Cause> {
         self.clock.boot_ms(m.time_boot_ms)?;
-        self.clock.system_time(m.time_unix_usec, m.time_boot_ms);
-        Ok(())
+        self.clock.system_time(m.time_unix_usec, m.time_boot_ms)
     }
 
     /// The newest time of the stream, for messages that carry none.

@@ -29,7 +29,7 @@ impl TestVehicle {
 
     fn hear(&mut self, component: u8, message: &MavMessage) -> Vec<Sample> {
         let mut out = Vec::new();
-        self.decoder.decode(&frame_of(1, component, message).frame().unwrap(), &mut out);
+        self.decoder.decode(&frame_of(1, component, message).frame().unwrap(), None, &mut out);
         out.into_iter()
             .filter_map(|input| match input {
                 Input::Sample(sample) => Some(sample),
