@@ -48,6 +48,12 @@ impl Pipeline {
         }
     }
 
+    /// Another vehicle is served: nothing of what was heard is of it.
+    pub fn begin_anew(&mut self) {
+        self.navigator = self.navigator.anew();
+        self.outbound.restart();
+    }
+
     /// The vehicle is known: who is to be told what.
     pub fn follow(&mut self, vehicle: &Vehicle) {
         self.outbound.set_profile(self.profile.unwrap_or(match vehicle.autopilot {

@@ -23,8 +23,9 @@ use serde_json::Value;
 use crate::pipeline::PipelineSettings;
 use crate::state::StateDirectory;
 use crate::wire::endpoint::Endpoint;
-use crate::wire::frame::SystemId;
+use crate::wire::frame::{ComponentId, SystemId};
 use crate::wire::link::LinkLimits;
+use crate::wire::session::identity::IdentityConfig;
 use crate::wire::session::requests::StreamSettings;
 use crate::wire::session::source_switch::SwitchSettings;
 use crate::wire::signing::SigningSettings;
@@ -44,8 +45,10 @@ const PREFIX: &str = "HOLDOVER";
 /// Everything that can be set, validated.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// The autopilot to follow; `None` follows the first.
+    /// The autopilot's system; `None` follows whichever proves to be one.
     pub system: Option<SystemId>,
+    /// The autopilot's component; `None` takes `MAV_COMP_ID_AUTOPILOT1`, or another that shows sensors.
+    pub component: Option<ComponentId>,
     /// Where it is.
     pub endpoints: Vec<Endpoint>,
     /// Where sensors of their own are.
@@ -133,6 +136,11 @@ pub struct Loaded {
 }
 
 impl Settings {
+    /// Which autopilot is to be served.
+    pub fn identity(&self) -> IdentityConfig {
+        IdentityConfig { system: self.system, component: self.component, ..IdentityConfig::default() }
+    }
+
     /// Loads and validates.
     ///
     /// # Errors

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use crate::navigator::memory::ResumeError;
 use crate::outbound::alignment::AlignmentMemory;
 use crate::pipeline::Pipeline;
-use crate::state::{Boot, KeptState, StateError, StateFile, read};
+use crate::state::{Boot, KeptState, StateError, StateFile, read, served_lately};
 use crate::time::{AutopilotTime, Companion, Span, Stamp};
 use crate::wire::clock::AutopilotClock;
+use crate::wire::frame::SystemId;
 use crate::wire::session::identity::Vehicle;
 
 /// Time between two states.
@@ -17,6 +18,8 @@ const PERIOD: Span = Span::from_millis(1000);
 #[derive(Debug, Default)]
 pub(super) struct Keeping {
     folder: Option<PathBuf>,
+    /// It was looked into.
+    looked: bool,
     /// Since the vehicle is known.
     file: Option<StateFile>,
     /// What a process before has kept, until the first IMU sample says how long ago that was.
@@ -50,9 +53,19 @@ impl Keeping {
         Self { folder, ..Self::default() }
     }
 
+    /// The system of whom a state was kept a moment before `unix_us`.
+    pub(super) fn served_lately(&self, unix_us: i64) -> Option<SystemId> {
+        served_lately(self.folder.as_deref()?, unix_us)
+    }
+
+    /// Another vehicle is served.
+    pub(super) fn begin_anew(&mut self) {
+        *self = Self::new(self.folder.take());
+    }
+
     /// The vehicle is known: looks for what was kept of it. A sentence where there is something that cannot be gone on from.
     pub(super) fn found(&mut self, vehicle: &Vehicle) -> Option<String> {
-        let folder = self.folder.take()?;
+        let folder = self.folder.clone().filter(|_| !std::mem::replace(&mut self.looked, true))?;
         let kept = read(&folder, vehicle.system).and_then(|kept| kept.is_of(vehicle).map(|()| kept));
         match StateFile::open(folder, vehicle.system) {
             Ok(file) => self.file = Some(file),

@@ -41,7 +41,7 @@ use crate::wire::messages::from_any_component;
 use crate::wire::session::autopilot::AutopilotSession;
 use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus, heartbeat};
 use crate::wire::session::heartbeat_fields::HeartbeatFields;
-use crate::wire::session::identity::{IdentityEvent, Sender};
+use crate::wire::session::identity::{IdentityEvent, Sender, Vehicle};
 use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
 use crate::wire::session::transmitter::Transmitter;
 use crate::wire::signing::SigningWatch;
@@ -159,7 +159,7 @@ impl Daemon {
             sensors_from: settings.endpoints.len(),
             transmitter: Transmitter::new(links.handles.clone(), system),
             links: Some(links),
-            session: AutopilotSession::new(settings.system, settings.streams, settings.source_switch),
+            session: AutopilotSession::new(settings.identity(), settings.streams, settings.source_switch),
             decoder: Decoder::new(),
             pipeline: Pipeline::new(&settings.pipeline),
             mask: GnssMask::new(deny_gnss),
@@ -189,6 +189,9 @@ impl Daemon {
     /// Keeps the navigation's state in this folder, and goes on from what it finds there.
     pub fn keeping_state_in(mut self, folder: Option<PathBuf>) -> Self {
         self.keeping = Keeping::new(folder);
+        if let Some(system) = self.keeping.served_lately(self.clock.unix_us()) {
+            self.session.expect(system);
+        }
         self
     }
 
@@ -274,7 +277,7 @@ impl Daemon {
             Sender::Autopilot => self.converse(&frame, at),
             // A camera on the vehicle that sees landmarks.
             Sender::SameSystem if from_any_component(frame.message_id()) => {}
-            Sender::WrongSystem => return self.stranger(&frame),
+            Sender::WrongSystem | Sender::SameSystem => return self.stranger(&frame),
             _ => return,
         }
         let mut inputs = std::mem::take(&mut self.inputs);
@@ -315,18 +318,22 @@ impl Daemon {
     fn identity_event(&mut self, event: IdentityEvent) {
         match event {
             IdentityEvent::Found(vehicle) => {
-                self.decoder.follow(&vehicle);
-                self.pipeline.follow(&vehicle);
-                let us = self.transmitter.belong_to(vehicle.system);
-                self.session.begin(us);
-                self.watch.expect(self.clock.now());
-                self.say(
-                    Severity::Info,
-                    &format!("following {}, system {}", vehicle.autopilot, vehicle.system.0),
-                );
-                if let Some(told) = self.keeping.found(&vehicle) {
-                    self.say(Severity::Notice, &told);
-                }
+                self.follow(&vehicle);
+                let text = format!("following {}, system {}", vehicle.autopilot, vehicle.system.0);
+                self.say(Severity::Info, &text);
+            }
+            IdentityEvent::Replaced { before, by } => {
+                // Whatever was heard of the one before is not this one's.
+                self.decoder = Decoder::new();
+                self.pipeline.begin_anew();
+                self.solution = None;
+                self.keeping.begin_anew();
+                self.follow(&by);
+                let [old, new] = [before, by].map(|v| format!("{}/{}", v.system.0, v.component.0));
+                self.say(Severity::Warning, &format!("following {new}: {old} had no sensors"));
+            }
+            IdentityEvent::Contradicted(times) => {
+                tracing::warn!("heartbeats contradict each other, {times} times: autopilot, type or armed");
             }
             IdentityEvent::Lost { silent } => {
                 self.say(Severity::Critical, &format!("autopilot silent for {:.1} s", silent.seconds()));
@@ -345,6 +352,18 @@ impl Daemon {
         }
     }
 
+    /// This vehicle is served from now on.
+    fn follow(&mut self, vehicle: &Vehicle) {
+        self.decoder.follow(vehicle);
+        self.pipeline.follow(vehicle);
+        let us = self.transmitter.belong_to(vehicle.system);
+        self.session.begin(us);
+        self.watch.expect(self.clock.now());
+        if let Some(told) = self.keeping.found(vehicle) {
+            self.say(Severity::Notice, &told);
+        }
+    }
+
     /// Whether the autopilot is listened to on this frame's link. What comes on others is counted and not used.
     fn listens(&mut self, received: &ReceivedFrame, at: Stamp<Companion>) -> bool {
         let (listened, moved) = self.transmitter.listens(received.link, at);
@@ -360,11 +379,14 @@ impl Daemon {
         listened
     }
 
-    /// Another system is heard. A ground station on the same link is as it should be, a second vehicle is worth a word.
+    /// Somebody else is heard. A ground station on the same link is as it should be, a second autopilot is worth a word.
     fn stranger(&mut self, frame: &Frame<'_>) {
         let vehicle = HeartbeatFields::read(frame).is_some_and(|h| h.is_autopilot());
         if vehicle && !std::mem::replace(&mut self.stranger_told, true) {
-            tracing::warn!("system {} is heard, too, and ignored", frame.system().0);
+            let (system, component) = (frame.system().0, frame.component().0);
+            tracing::warn!(
+                "an autopilot of system {system} is heard, too, and ignored (component {component})"
+            );
         }
     }
 

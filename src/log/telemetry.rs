@@ -23,7 +23,8 @@ fn reader<R: Read>(bytes: R, format: LogFormat) -> TlogReader<R> {
     if format == LogFormat::RawMavlink { TlogReader::without_stamps(bytes) } else { TlogReader::new(bytes) }
 }
 
-/// The autopilot to follow: the given system, or the first.
+/// The autopilot to follow, of the given system, by the same rules as in flight; in a log that is too short for them, or that has no stamps,
+/// whoever has shown most.
 pub(super) fn vehicle(
     bytes: impl Read,
     format: LogFormat,
@@ -34,10 +35,14 @@ pub(super) fn vehicle(
     let mut heard: BTreeMap<SystemId, u64> = BTreeMap::new();
     while let Some(record) = reader.next_record()? {
         *heard.entry(record.frame.system()).or_default() += 1;
-        identity.hear(Stamp::from_micros(0), &record.frame);
+        let at = written(record.written_us).unwrap_or(Stamp::from_micros(0));
+        identity.hear(at, &record.frame);
         if let Some(vehicle) = identity.vehicle() {
             return Ok(Ok(*vehicle));
         }
+    }
+    if let Some(vehicle) = identity.likeliest() {
+        return Ok(Ok(vehicle));
     }
     let heard: Vec<String> = heard.iter().take(12).map(|(s, n)| format!("{} ({n} frames)", s.0)).collect();
     let wanted =

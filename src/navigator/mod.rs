@@ -91,6 +91,11 @@ impl Navigator {
         Self { sources: SourceSet::new(&settings), core: Core::new(settings) }
     }
 
+    /// One with the same settings that has heard nothing.
+    pub fn anew(&self) -> Self {
+        Self::new(self.core.settings.clone())
+    }
+
     /// Takes one sample, in the order in which samples arrive; late ones are compared with the past they belong to.
     pub fn ingest(&mut self, sample: &Sample) -> Verdict {
         let verdict = match sample {

@@ -12,6 +12,9 @@ use crate::wire::frame::SystemId;
 /// No state is larger.
 pub const MOST_BYTES: u64 = 256 * 1024;
 
+/// Who was served so long ago, µs, is still looked for.
+const LATELY_US: i64 = 60_000_000;
+
 fn path_of(folder: &Path, system: SystemId) -> PathBuf {
     folder.join(format!("system-{}.json", system.0))
 }
@@ -34,6 +37,14 @@ pub fn read(folder: &Path, system: SystemId) -> Result<KeptState, StateError> {
         }
     }
     KeptState::decode(&bytes)
+}
+
+/// The system that was served last, if that was within a minute before `unix_us`: a process that is started anew in flight knows whom to
+/// look for.
+pub fn served_lately(folder: &Path, unix_us: i64) -> Option<SystemId> {
+    let systems = (1..=u8::MAX).map(SystemId);
+    let kept = systems.filter_map(|s| read(folder, s).ok().map(|kept| (unix_us - kept.kept_us(), s)));
+    kept.filter(|(ago, _)| (0..=LATELY_US).contains(ago)).min().map(|(_, system)| system)
 }
 
 /// Where the state of one system is written. A disk that is slow or full costs the state, and never the navigation.

@@ -109,6 +109,11 @@ impl KeptState {
         Self { version: VERSION, owner: Owner::of(vehicle), boot, alignment, snapshot }
     }
 
+    /// When it was kept, µs since 1970.
+    pub fn kept_us(&self) -> i64 {
+        self.boot.unix_us
+    }
+
     /// As it is written.
     ///
     /// # Errors

@@ -9,5 +9,5 @@ mod file;
 mod kept;
 
 pub use directory::StateDirectory;
-pub use file::{MOST_BYTES, StateFile, read};
+pub use file::{MOST_BYTES, StateFile, read, served_lately};
 pub use kept::{Boot, KeptState, StateError};

@@ -182,7 +182,7 @@ impl AutopilotClock {
     /// SYSTEM_TIME: what 1970 means on this clock. Zero (not known) changes nothing.
     ///
     /// # Errors
-    /// [`Cause::Absurd`] for a time that no clock shows, [`Cause::Stale`] for another than before that is not (yet) confirmed.
+    /// [`Cause::Absurd`] for a time that no clock shows, [`Cause::Unconfirmed`] for another than before.
     pub fn system_time(&mut self, unix_us: u64, boot_ms: u32) -> Result<(), Cause> {
         let boot_us = self.unwrapped(boot_ms) * 1000;
         self.date.hear(unix_us, boot_us)
@@ -423,7 +423,7 @@ mod tests {
             let _ = heard.frame(35_001, SYSTEM_TIME, 505 + n * 10);
         }
         let first = (36_000..40_000).step_by(10).find(|&ms| heard.sends(ms, 100_000 + ms)[0]);
-        assert_eq!((first, heard.reboots), (Some(36_030), 0));
+        assert_eq!((first, heard.reboots), (Some(36_010), 0));
     }
 
     #[test]

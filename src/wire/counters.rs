@@ -42,6 +42,9 @@ pub enum Cause {
     /// The sample is much older than the newest of its clock.
     #[strum(serialize = "stale")]
     Stale,
+    /// It contradicts what is known, and nothing has confirmed it yet.
+    #[strum(serialize = "unconfirmed")]
+    Unconfirmed,
     /// The message tells of a frame of reference that is not what it is taken for.
     #[strum(serialize = "unusable frame of reference")]
     ForeignFrame,

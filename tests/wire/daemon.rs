@@ -91,7 +91,7 @@ fn timesync(ts1: i64) -> Vec<u8> {
 
 /// Plays the flight with a TIMESYNC question half way, and stops the daemon.
 async fn fly(mut drone: Drone, holdover: &mut Holdover, flight: &Flight, to_s: f64, heard: &Heard) {
-    drone.send(flight.heartbeat()).await;
+    flight.introduce(async |beat: &[u8]| drone.send(beat).await).await;
     let half = to_s / 2.0;
     drone.play(flight, 0.0, half).await;
     drone.send(&timesync(QUESTION)).await;
@@ -321,7 +321,7 @@ async fn a_cable_that_is_pulled_and_put_back_goes_on() {
     let heard = Heard::default();
     // Not split: the port is closed when it is dropped.
     let mut drone = drone;
-    drone.write_all(flight.heartbeat()).await.unwrap();
+    flight.introduce(async |beat: &[u8]| drone.write_all(beat).await.unwrap()).await;
     let mut buffer = vec![0; 4000];
     flight
         .play(0.0, 45.0, SPEED, async |burst: &[u8]| {
@@ -356,7 +356,7 @@ async fn a_log_that_cannot_be_written_ends_nothing() {
     let mut holdover = Holdover::run_without_log(&["--endpoint", &endpoint, "--deny-gnss", "30..200"]);
     let heard = Heard::default();
     let mut autopilot = accept(&listener).await;
-    autopilot.write_all(flight.heartbeat()).await.unwrap();
+    flight.introduce(async |beat: &[u8]| autopilot.write_all(beat).await.unwrap()).await;
     Drone::stream(autopilot, &heard).play(&flight, 0.0, 50.0).await;
     heard.until("ODOMETRY", |h| h.odometry().len() > 100).await;
     holdover.stop();
@@ -370,7 +370,7 @@ async fn a_tcp_server_that_is_restarted_goes_on() {
     let endpoint = format!("tcpout:{address}");
     let mut holdover = Holdover::run(&["--endpoint", &endpoint, "--deny-gnss", "30..200"]);
     let mut first = accept(&listener).await;
-    first.write_all(flight.heartbeat()).await.unwrap();
+    flight.introduce(async |beat: &[u8]| first.write_all(beat).await.unwrap()).await;
     flight.play(0.0, 40.0, SPEED, async |burst: &[u8]| first.write_all(burst).await.unwrap()).await;
     drop((first, listener));
     holdover.wait_for("link 0: down", 1);
@@ -390,7 +390,7 @@ async fn a_stall_in_holdover_sends_no_stale_pose() {
     let (flight, heard) = (Flight::load(COPTER, 50.0), Heard::default());
     let mut holdover = Holdover::run(&["--endpoint", "udpin:127.0.0.1:0", "--deny-gnss", "30..200"]);
     let mut drone = Drone::udp(holdover.address(), &heard).await;
-    drone.send(flight.heartbeat()).await;
+    flight.introduce(async |beat: &[u8]| drone.send(beat).await).await;
     drone.play(&flight, 0.0, 50.0).await;
     sleep(Duration::from_millis(200)).await;
     let before = heard.odometry();
@@ -420,7 +420,7 @@ async fn what_is_lost_is_silent_within_300_ms() {
     let arguments = ["--endpoint", "udpin:127.0.0.1:0", "--deny-gnss", "70..200"];
     let mut holdover = Holdover::run(&[&arguments[..], &coast].concat());
     let mut drone = Drone::udp(holdover.address(), &heard).await;
-    drone.send(flight.heartbeat()).await;
+    flight.introduce(async |beat: &[u8]| drone.send(beat).await).await;
     drone.play(&flight, 0.0, 100.0).await;
     sleep(Duration::from_millis(200)).await;
     holdover.stop();
@@ -446,11 +446,7 @@ async fn of_two_vehicles_the_second_is_ignored() {
     let mut holdover = Holdover::run(&["--endpoint", "udpin:127.0.0.1:0"]);
     let mut first = Drone::udp(holdover.address(), &heard).await;
     let mut second = Drone::udp(holdover.address(), &stray).await;
-    // One heartbeat is not enough to be answered.
-    for _ in 0..3 {
-        first.send(flight.heartbeat()).await;
-        sleep(Duration::from_millis(30)).await;
-    }
+    flight.introduce(async |beat: &[u8]| first.send(beat).await).await;
     holdover.wait_for("following ArduPilot, system 1", 1);
     second.send(flight.heartbeat()).await;
     holdover.wait_for("is ignored", 1);
@@ -488,7 +484,7 @@ async fn the_same_vehicle_on_two_links_is_used_once() {
     };
     let mut first = Drone::stream(TcpStream::connect(address(1)).await.unwrap(), &heard);
     let mut second = Drone::stream(TcpStream::connect(address(2)).await.unwrap(), &twin);
-    first.send(flight.heartbeat()).await;
+    flight.introduce(async |beat: &[u8]| first.send(beat).await).await;
     holdover.wait_for("following", 1);
     let mut sent = 0;
     flight

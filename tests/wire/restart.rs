@@ -73,7 +73,7 @@ async fn killed_in_an_outage(address: SocketAddr, folder: &Path) -> (Autopilot, 
     let flight = Flight::load(COPTER, 120.0);
     let mut holdover = start(address, folder, "80..400");
     let autopilot = Autopilot::new(address).await;
-    autopilot.socket.send_to(flight.heartbeat(), address).await.unwrap();
+    flight.introduce(async |beat: &[u8]| drop(autopilot.socket.send_to(beat, address).await.unwrap())).await;
     autopilot.play(&flight, 0.0, REAL_TIME_S, SPEED).await;
     autopilot.play(&flight, REAL_TIME_S, KILLED_S, 1.0).await;
     assert!(autopilot.odometry().len() > 100, "{}", holdover.log());
@@ -94,6 +94,7 @@ async fn a_daemon_that_is_killed_in_an_outage_goes_on_when_it_is_started_again()
     let mut holdover = start(address, folder.path(), "0..400");
     // Three seconds were lost by every clock.
     sleep_until(killed + Duration::from_secs(3)).await;
+    // It knows whom to look for.
     autopilot.socket.send_to(flight.heartbeat(), address).await.unwrap();
     autopilot.play(&flight, KILLED_S + 3.0, KILLED_S + 8.0, 1.0).await;
     holdover.wait_for("restarted: goes on from", 1);
@@ -124,7 +125,9 @@ async fn a_state_of_another_boot_and_one_that_is_none_are_told_and_not_used() {
     // An autopilot that has just booted.
     let again = async |reason: &str| {
         let mut holdover = start(address, folder.path(), "0..400");
-        autopilot.socket.send_to(flight.heartbeat(), address).await.unwrap();
+        flight
+            .introduce(async |beat: &[u8]| drop(autopilot.socket.send_to(beat, address).await.unwrap()))
+            .await;
         autopilot.play(&flight, 0.0, 3.0, SPEED).await;
         holdover.wait_for(&format!("state not used: {reason}"), 1);
         assert_eq!(holdover.told("Holdover: restarted"), 0, "{}", holdover.log());

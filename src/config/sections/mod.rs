@@ -29,7 +29,7 @@ use crate::outbound::{OutboundSettings, Profile};
 use crate::pipeline::PipelineSettings;
 use crate::state::StateDirectory;
 use crate::wire::endpoint::Endpoint;
-use crate::wire::frame::SystemId;
+use crate::wire::frame::{ComponentId, SystemId};
 
 use super::Settings;
 use super::key::Section;
@@ -141,6 +141,7 @@ impl AllKeys {
         };
         Settings {
             system: (self.vehicle.system_id != 0).then_some(SystemId(self.vehicle.system_id)),
+            component: (self.vehicle.component_id != 0).then_some(ComponentId(self.vehicle.component_id)),
             endpoints,
             sensor_endpoints,
             link: self.link.settings(&tuning.link),

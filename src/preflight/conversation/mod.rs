@@ -148,7 +148,7 @@ impl Preflight {
             system: settings.system,
             write,
             give_up: now + wait,
-            session: AutopilotSession::new(settings.system, settings.streams, settings.source_switch),
+            session: AutopilotSession::new(settings.identity(), settings.streams, settings.source_switch),
             decoder: Decoder::new(),
             arrivals: Arrivals::default(),
             mavlink1: false,
@@ -181,7 +181,10 @@ impl Preflight {
     pub fn hear(&mut self, frame: &Frame<'_>, at: Stamp<Companion>, now: Stamp<Companion>) -> Reply {
         self.company.note(frame);
         let (sender, event) = self.session.hear(at, frame);
-        if let Some(IdentityEvent::Found(vehicle)) = event {
+        if let Some(IdentityEvent::Replaced { .. }) = event {
+            self.decoder = Decoder::new();
+        }
+        if let Some(IdentityEvent::Found(vehicle) | IdentityEvent::Replaced { by: vehicle, .. }) = event {
             self.begin(&vehicle, at);
         }
         let mut reply = Reply::default();

@@ -51,7 +51,7 @@ impl Date {
         };
         self.suspect = Some((told, n, since));
         if n < CONFIRM || boot_us.saturating_sub(since) < OVER_US {
-            return Err(Cause::Stale);
+            return Err(Cause::Unconfirmed);
         }
         (self.offset_us, self.suspect) = (Some(told), None);
         Ok(())
@@ -76,8 +76,8 @@ mod tests {
         // One that is off, or several beside the right ones, change nothing.
         for s in 2..20 {
             assert_eq!(told(&mut date, 0, s), Ok(()));
-            assert_eq!(told(&mut date, 7, s), Err(Cause::Stale));
-            assert_eq!(told(&mut date, 7, s), Err(Cause::Stale));
+            assert_eq!(told(&mut date, 7, s), Err(Cause::Unconfirmed));
+            assert_eq!(told(&mut date, 7, s), Err(Cause::Unconfirmed));
         }
         assert_eq!(date.offset_us(), Some(NOW as i64));
         // A receiver's first fix sets the clock.

@@ -28,7 +28,7 @@ use super::counters::{Cause, Counters};
 use super::frame::{ComponentId, Frame, SystemId, cause_of};
 use super::gnss_integrity;
 use super::messages::{from_any_component, is_input};
-use super::session::identity::{AutopilotKind, Vehicle};
+use super::session::identity::{AutopilotKind, Nature, Vehicle};
 
 use aiding::FlowReadings;
 use field_unit::FieldUnit;
@@ -79,6 +79,7 @@ pub struct Decoder {
     repairs: Repairs,
     /// What is decoded came on a link for sensors: nothing on it is the autopilot's own.
     apart: bool,
+    nature: Nature,
     status: Option<VehicleStatus>,
     /// Whether there is a pitot tube, once that is known.
     pitot: Option<bool>,
@@ -109,6 +110,7 @@ impl Decoder {
             own_sensors: OwnSensors::default(),
             repairs: Repairs::default(),
             apart: false,
+            nature: Nature::default(),
             status: None,
             pitot: None,
         }
@@ -118,6 +120,7 @@ impl Decoder {
     pub fn follow(&mut self, vehicle: &Vehicle) {
         self.vehicle = Some((vehicle.system, vehicle.component));
         self.conventions = FieldConventions::of(vehicle);
+        self.nature = Nature::default();
     }
 
     /// The autopilot's clock.

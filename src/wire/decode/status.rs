@@ -4,6 +4,8 @@ use mavlink::dialects::ardupilotmega as apm;
 
 use crate::sample::{Airframe, Input, VehicleStatus};
 
+use super::super::session::heartbeat_fields::HeartbeatFields;
+use super::super::session::identity::Told;
 use super::{Cause, Decoder, Out};
 
 /// A differential pressure beyond this is one, hPa: 4 m/s.
@@ -12,8 +14,17 @@ const SOME_PRESSURE_HPA: f32 = 0.1;
 impl Decoder {
     /// HEARTBEAT of the autopilot.
     pub(super) fn heartbeat(&mut self, m: &apm::HEARTBEAT_DATA, out: Out<'_>) -> Result<(), Cause> {
-        let armed = m.base_mode.contains(apm::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
-        let status = VehicleStatus { airframe: airframe(m.mavtype as u8), armed: Some(armed) };
+        let now_us = self.clock.newest().map_or(0, |t| t.micros());
+        let told = HeartbeatFields {
+            custom_mode: m.custom_mode,
+            vehicle_type: m.mavtype as u8,
+            autopilot: m.autopilot as u8,
+            base_mode: m.base_mode.bits(),
+            system_status: m.system_status as u8,
+            mavlink_version: m.mavlink_version,
+        };
+        let Told::Believed(is) = self.nature.hear(now_us, told) else { return Err(Cause::Unconfirmed) };
+        let status = VehicleStatus { airframe: airframe(is.vehicle_type), armed: Some(is.armed()) };
         if self.status != Some(status) {
             self.status = Some(status);
             out.push(Input::Status(status));

@@ -17,7 +17,7 @@ use crate::wire::frame::{Frame, SystemId};
 /// TIMESYNC and the stamps of the samples are the same clock if they agree within this.
 const ONE_CLOCK: Span = Span::from_millis(1000);
 
-/// The conversation with one autopilot, which is pinned when it is first heard.
+/// The conversation with the autopilot that is served.
 #[derive(Clone, Debug)]
 pub struct AutopilotSession {
     identity: Identity,
@@ -62,13 +62,18 @@ pub struct SessionPoll {
 }
 
 impl AutopilotSession {
-    /// Nobody was heard yet. Follows `system` only, or the first autopilot.
-    pub fn new(system: Option<SystemId>, rates: StreamSettings, switch: SwitchSettings) -> Self {
-        let identity = Identity::new(IdentityConfig { system, ..IdentityConfig::default() });
+    /// Nobody was heard yet.
+    pub fn new(identity: IdentityConfig, rates: StreamSettings, switch: SwitchSettings) -> Self {
+        let identity = Identity::new(identity);
         Self { identity, rates, switch, dialogue: None, newest: None }
     }
 
-    /// The vehicle, once its autopilot was heard; also while it is lost.
+    /// This system was served a moment ago, by a process before.
+    pub fn expect(&mut self, system: SystemId) {
+        self.identity.expect(system);
+    }
+
+    /// The vehicle, once its autopilot was chosen; also while it is lost.
     pub fn vehicle(&self) -> Option<&Vehicle> {
         self.identity.vehicle()
     }
@@ -110,8 +115,9 @@ impl AutopilotSession {
         self.identity.hear(at, frame)
     }
 
-    /// Begins to talk to the autopilot that was found, as `us`.
+    /// Begins to talk to the autopilot that was chosen, as `us`.
     pub fn begin(&mut self, us: Address) {
+        self.newest = None;
         if let Some(vehicle) = self.identity.vehicle() {
             self.dialogue = Some(Dialogue {
                 us,
@@ -134,6 +140,7 @@ impl AutopilotSession {
 
     /// The autopilot rebooted: it knows nothing of what it was asked for, and its clock began anew.
     pub fn reboot(&mut self) {
+        self.identity.rebooted();
         if let Some(dialogue) = &mut self.dialogue {
             dialogue.sync.restart();
             dialogue.requests.reboot();

@@ -10,7 +10,7 @@ use holdover::time::AutopilotTime;
 use holdover::wire::frame::{Frame, Scan, scan};
 use holdover::wire::tlog::TlogReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
-use tokio::time::{Instant, sleep_until};
+use tokio::time::{Instant, sleep, sleep_until};
 
 /// Path of a recorded flight.
 pub fn path(name: &str) -> PathBuf {
@@ -45,6 +45,15 @@ impl Flight {
     /// The autopilot's heartbeat: sent before anything else, so that nothing is lost before the vehicle is known.
     pub fn heartbeat(&self) -> &[u8] {
         &self.heartbeat
+    }
+
+    /// Says who is there, as an autopilot does in the second before anything else: nothing is lost of what is played after that.
+    pub async fn introduce<F: AsyncFnMut(&[u8])>(&self, mut send: F) {
+        for _ in 0..2 {
+            send(&self.heartbeat).await;
+            sleep(Duration::from_millis(500)).await;
+        }
+        send(&self.heartbeat).await;
     }
 
     /// Plays the frames recorded in [from, to) s, `speed` times as fast. `send` gets a burst of a few frames at a time.
