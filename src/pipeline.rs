@@ -6,8 +6,9 @@ use crate::navigator::Navigator;
 use crate::navigator::settings::NavigatorSettings;
 use crate::navigator::solution::Solution;
 use crate::outbound::message::OutboundMessage;
+use crate::outbound::origin_watch::{OriginWatch, OriginWord};
 use crate::outbound::{Outbound, OutboundSettings, Profile};
-use crate::sample::{Input, Sample};
+use crate::sample::{Input, Reference, Sample};
 use crate::time::{AutopilotTime, ClockEvent};
 use crate::wire::clock::AutopilotClock;
 use crate::wire::session::identity::{AutopilotKind, Vehicle};
@@ -30,6 +31,7 @@ pub struct Pipeline {
     pub navigator: Navigator,
     /// The output.
     pub outbound: Outbound,
+    origin: OriginWatch,
     profile: Option<Profile>,
     samples: u32,
 }
@@ -43,6 +45,7 @@ impl Pipeline {
         Self {
             navigator: Navigator::new(settings.navigator.clone()),
             outbound: Outbound::new(settings.outbound),
+            origin: OriginWatch::new(),
             profile: settings.profile,
             samples: 0,
         }
@@ -51,6 +54,7 @@ impl Pipeline {
     /// Another vehicle is served: nothing of what was heard is of it.
     pub fn begin_anew(&mut self) {
         self.navigator = self.navigator.anew();
+        self.origin = OriginWatch::new();
         self.outbound.restart();
     }
 
@@ -62,7 +66,32 @@ impl Pipeline {
         }));
     }
 
-    /// The autopilot told its origin: the navigator's frame is put there, and the output knows by how much it moved.
+    /// What the watch over the origin says.
+    fn heed(&mut self, clock: &AutopilotClock, word: Option<OriginWord>) {
+        match (word, clock.newest()) {
+            (Some(OriginWord::Take(origin)), _) => self.share_origin(clock, &origin),
+            (Some(OriginWord::Contradicted(moved_m)), Some(now)) => {
+                self.navigator.contradict_origin(now, moved_m);
+            }
+            _ => {}
+        }
+    }
+
+    fn origin_told(&mut self, clock: &AutopilotClock, origin: &Geodetic) {
+        let Some(now) = clock.newest() else { return };
+        let sigma_m = self.navigator.solution().map_or(0.0, |s| s.horizontal_sigma_m());
+        let word = self.origin.hear(now, origin, self.navigator.placed_frame(), sigma_m);
+        self.heed(clock, word);
+    }
+
+    fn referred(&mut self, clock: &AutopilotClock, reference: &Reference) {
+        let Some(solution) = self.navigator.solution() else { return };
+        let word = self.origin.reference(reference, &solution, self.navigator.placed_frame());
+        self.outbound.reference(reference, &solution);
+        self.heed(clock, word);
+    }
+
+    /// The autopilot's origin is believed: the navigator's frame is put there, and the output knows by how much it moved.
     fn share_origin(&mut self, clock: &AutopilotClock, origin: &Geodetic) {
         let placed = !self.navigator.is_relative();
         let before = self.navigator.frame().filter(|_| placed).cloned();
@@ -103,22 +132,22 @@ impl Pipeline {
                 Some(solution)
             }
             Input::Reference(reference) => {
-                if let Some(solution) = self.navigator.solution() {
-                    self.outbound.reference(reference, &solution);
-                }
+                self.referred(clock, reference);
                 None
             }
             Input::Origin(origin) => {
-                self.share_origin(clock, origin);
+                self.origin_told(clock, origin);
                 None
             }
             Input::Status(status) => {
                 self.navigator.set_status(*status);
+                self.origin.set_disarmed(status.armed == Some(false));
                 None
             }
             Input::Clock(ClockEvent::Reboot { before, after, known }) => {
                 self.navigator.reboot(*after, known.then(|| after.seconds_since(*before)));
                 self.outbound.restart();
+                self.origin = OriginWatch::new();
                 None
             }
             Input::Clock(ClockEvent::Gap(_)) => None,

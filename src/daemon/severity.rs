@@ -12,6 +12,7 @@ pub(super) fn severity_of(kind: &EventKind) -> Severity {
         EventKind::Mode { from: Mode::Aided | Mode::Holdover, to: Mode::Aligning, .. } => Severity::Warning,
         EventKind::Mode { .. } => Severity::Notice,
         EventKind::Resumed(_)
+        | EventKind::OriginContradicted(_)
         | EventKind::Reset(_)
         | EventKind::WalkedBack(_)
         | EventKind::FlowDistrusted(..)

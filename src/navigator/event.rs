@@ -45,6 +45,8 @@ pub enum EventKind {
     Placed(f64),
     /// The frame's origin was set or moved; the distance it moved, m.
     Origin(f64),
+    /// The autopilot told an origin this far off, m, that its own positions contradict; it is not used.
+    OriginContradicted(f64),
     /// The published position had to jump by this much, m; the reset counter changed.
     Reset(f64),
     /// A slow lie of GNSS is taken back by this much, m.
@@ -204,6 +206,7 @@ impl EventKind {
             EventKind::Mode { .. } => "mode",
             EventKind::Placed(_) => "placed",
             EventKind::Origin(_) => "origin",
+            EventKind::OriginContradicted(_) => "origin-contradicted",
             EventKind::Reset(_) => "position-reset",
             EventKind::WalkedBack(_) => "gnss-walk-undone",
             EventKind::Receiver(_) => "gnss-receiver",
@@ -248,6 +251,7 @@ impl EventKind {
             EventKind::Placed(by) => write!(f, "place known, heading turned {:+.0} deg", by.to_degrees()),
             EventKind::Origin(m) if *m == 0.0 => write!(f, "origin set"),
             EventKind::Origin(m) => write!(f, "origin moved by {m:.2} m"),
+            EventKind::OriginContradicted(m) => write!(f, "origin {m:.0} m off: not believed"),
             EventKind::Reset(m) => write!(f, "position reset by {m:.1} m"),
             EventKind::WalkedBack(m) => write!(f, "took back {m:.1} m of GNSS drift"),
             EventKind::Receiver(n) => write!(f, "using GNSS receiver {n}"),

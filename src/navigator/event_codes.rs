@@ -33,6 +33,11 @@ pub const EVENTS: &[EventCode] = &[
         "Nothing; in flight it should not happen.",
     ),
     event(
+        "origin-contradicted",
+        "The autopilot told an origin that its own positions contradict; the one before is used.",
+        "Suspect somebody else on the link: sign it. If the origin was set in flight, see why the position did not move with it.",
+    ),
+    event(
         "position-reset",
         "The published position jumped to the estimate; the reset counter changed.",
         "Expect the autopilot to jump with it. After a long outage it is normal.",
@@ -155,6 +160,7 @@ mod tests {
             mode,
             EventKind::Placed(0.1),
             EventKind::Origin(1.0),
+            EventKind::OriginContradicted(1.0),
             EventKind::Reset(1.0),
             EventKind::WalkedBack(1.0),
             EventKind::Receiver(1),

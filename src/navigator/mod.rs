@@ -142,6 +142,11 @@ impl Navigator {
         true
     }
 
+    /// The autopilot told an origin that would move the frame by so much, m, and its own positions contradict it: it is not used.
+    pub fn contradict_origin(&mut self, time: AutopilotTime, moved_m: f64) {
+        self.core.events.tell(time, EventKind::OriginContradicted(moved_m));
+    }
+
     /// Sets the date, as decimal year, for the magnetic field.
     pub fn set_date(&mut self, decimal_year: f64) {
         self.core.surroundings.set_date(decimal_year);
@@ -242,6 +247,11 @@ impl Navigator {
     /// The local frame's origin, once there is one.
     pub fn frame(&self) -> Option<&LocalNed> {
         self.core.surroundings.environment().map(|e| &e.frame)
+    }
+
+    /// The local frame, where somebody has told where on Earth it lies.
+    pub fn placed_frame(&self) -> Option<&LocalNed> {
+        self.frame().filter(|_| self.core.surroundings.placed())
     }
 
     /// The GNSS latency in force, s, and its standard deviation, s.

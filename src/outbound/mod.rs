@@ -11,6 +11,7 @@ mod covariance;
 mod following;
 pub mod handover;
 pub mod message;
+pub mod origin_watch;
 pub mod settings;
 
 use nalgebra::Vector3;

@@ -224,7 +224,7 @@ impl AutopilotSession {
         match id {
             COMMAND_ACK_DATA::ID => {
                 if let Ok(MavMessage::COMMAND_ACK(ack)) = frame.parse() {
-                    dialogue.requests.streams().acknowledge(dialogue.us, &ack);
+                    dialogue.requests.streams().acknowledge(at, dialogue.us, &ack);
                     dialogue.hand_over.acknowledge(&ack);
                 }
                 Reply::default()

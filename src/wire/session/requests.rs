@@ -197,7 +197,7 @@ fn told_of(report: &StreamReport, gave_up: Option<GaveUp>) -> Option<Refusal> {
     let (name, want) = (name_of(id).unwrap_or("message"), report.wanted.rate_hz);
     match (gave_up, report.reduced) {
         (Some(GaveUp::Refused(_)), _) => {
-            Some(format!("{name} ({id}): the autopilot refuses it, and is not asked again"))
+            Some(format!("{name} ({id}): the autopilot refuses it, and is asked again after a minute"))
         }
         (Some(reason), _) => {
             let got = report.rate_hz.unwrap_or(0.0);

@@ -47,8 +47,11 @@ pub struct SwitchSettings {
 
 /// An answer is waited for this long.
 const ANSWER: Span = Span::from_millis(700);
-/// Commands in vain after which the pilot has to do it.
+/// Commands in vain after which the pilot has to do it; and refusals in a row, for one may be somebody else's word.
 const ATTEMPTS: u8 = 5;
+const REFUSALS: u8 = 3;
+/// An autopilot that has refused, or not answered, is asked again after this long.
+const AGAIN: Span = Span::from_millis(60_000);
 /// An EKF without a position for this long after the switch is switched back.
 const NO_POSITION: Span = Span::from_millis(1000);
 /// The autopilot that does not come near is switched back all the same after this long.
@@ -156,13 +159,22 @@ enum SwitchState {
     /// Nothing.
     Rest,
     /// A set was commanded, so often, and last then.
-    Asking { set: u8, asked: u8, sent: Stamp<Companion>, refused: bool },
+    Asking { set: u8, asked: u8, sent: Stamp<Companion>, answer: SwitchAnswer },
     /// The autopilot is on our set by our command.
     Over,
     /// The pilot was told to switch over, and since when he knows; and once more.
     Told { since: Stamp<Companion>, again: bool },
+    /// It did not take the set, and the pilot was told; since when.
+    InVain { since: Stamp<Companion> },
     /// No more, whatever came of it.
     Done,
+}
+
+/// What the autopilot has said to the newest command, and how often it has refused in a row.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct SwitchAnswer {
+    refused: bool,
+    refusals: u8,
 }
 
 impl SourceSwitch {
@@ -187,7 +199,7 @@ impl SourceSwitch {
 
     /// The autopilot's answer to a command; the source set that is in force now, if it is one to ours.
     pub fn acknowledge(&mut self, ack: &COMMAND_ACK_DATA) -> Option<u8> {
-        let SwitchState::Asking { set, refused, .. } = &mut self.state else { return None };
+        let SwitchState::Asking { set, answer, .. } = &mut self.state else { return None };
         if ack.command != MavCmd::MAV_CMD_SET_EKF_SOURCE_SET
             || !self.us.is_meant_by(ack.target_system, ack.target_component)
         {
@@ -203,8 +215,10 @@ impl SourceSwitch {
             }
             // It may be passing (a full queue): it is asked again.
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED | MavResult::MAV_RESULT_IN_PROGRESS => None,
+            // One answer to a command.
+            _ if answer.refused => None,
             _ => {
-                *refused = true;
+                *answer = SwitchAnswer { refused: true, refusals: answer.refusals + 1 };
                 None
             }
         }
@@ -214,25 +228,35 @@ impl SourceSwitch {
     pub fn poll(&mut self, now: Stamp<Companion>, inputs: &SwitchInputs) -> SwitchPoll {
         self.note(now, inputs.mode);
         match self.state {
-            SwitchState::Asking { set, asked, sent, refused } => {
+            SwitchState::Asking { set, asked, sent, answer } => {
                 if set == self.settings.sets.external && inputs.quality.is_none() {
                     self.state = SwitchState::Done;
                     SwitchPoll::default()
-                } else if refused {
-                    self.give_up(set, WhyNot::Refused)
+                } else if answer.refusals >= REFUSALS {
+                    self.give_up(now, set, WhyNot::Refused)
                 } else if now - sent < ANSWER {
                     SwitchPoll::default()
                 } else if asked < ATTEMPTS {
-                    self.ask(now, set, asked + 1, None)
+                    let refusals = if answer.refused { answer.refusals } else { 0 };
+                    let poll = self.ask(now, set, asked + 1, None);
+                    if let SwitchState::Asking { answer, .. } = &mut self.state {
+                        answer.refusals = refusals;
+                    }
+                    poll
                 } else {
-                    self.give_up(set, WhyNot::NoAnswer)
+                    self.give_up(now, set, WhyNot::NoAnswer)
                 }
             }
             SwitchState::Over => self.over(now, inputs),
             SwitchState::Rest | SwitchState::Told { .. } if inputs.mode == Mode::Holdover => {
                 self.switch_over(now, inputs)
             }
-            SwitchState::Rest | SwitchState::Told { .. } | SwitchState::Done => self.remind(now, inputs),
+            SwitchState::InVain { since } if inputs.mode == Mode::Holdover && now - since >= AGAIN => {
+                self.switch_over(now, inputs)
+            }
+            SwitchState::Rest | SwitchState::Told { .. } | SwitchState::InVain { .. } | SwitchState::Done => {
+                self.remind(now, inputs)
+            }
         }
     }
 
@@ -256,13 +280,13 @@ impl SourceSwitch {
     }
 
     fn ask(&mut self, now: Stamp<Companion>, set: u8, asked: u8, news: Option<SwitchNews>) -> SwitchPoll {
-        self.state = SwitchState::Asking { set, asked, sent: now, refused: false };
+        self.state = SwitchState::Asking { set, asked, sent: now, answer: SwitchAnswer::default() };
         let command = MavCmd::MAV_CMD_SET_EKF_SOURCE_SET;
         SwitchPoll { command: Some(command_long(self.autopilot, command, f32::from(set), 0.0)), news }
     }
 
-    fn give_up(&mut self, set: u8, why: WhyNot) -> SwitchPoll {
-        self.state = SwitchState::Done;
+    fn give_up(&mut self, now: Stamp<Companion>, set: u8, why: WhyNot) -> SwitchPoll {
+        self.state = SwitchState::InVain { since: now };
         SwitchPoll { command: None, news: Some(SwitchNews::NotSwitched(set, why)) }
     }
 
@@ -283,7 +307,7 @@ impl SourceSwitch {
             return self.ask(now, external, 1, None);
         }
         if self.outage.is_some_and(|since| now - since > RECEIPT) {
-            return self.give_up(external, WhyNot::NotReceived);
+            return self.give_up(now, external, WhyNot::NotReceived);
         }
         SwitchPoll::default()
     }
@@ -431,8 +455,28 @@ mod tests {
         let mut s = switch(SwitchedBy::Holdover);
         play(&mut s, (0, 50), &inputs(Mode::Holdover));
         assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED)), None);
-        let (commands, news) = play(&mut s, (50, 20_000), &inputs(Mode::Holdover));
+        // One may be somebody else's; three in a row are its own.
+        let (commands, news) = play(&mut s, (50, 750), &inputs(Mode::Holdover));
+        assert_eq!((commands, news), (vec![(700, 2)], vec![]));
+        s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED));
+        s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED));
+        assert_eq!(play(&mut s, (750, 1450), &inputs(Mode::Holdover)), (vec![(1400, 2)], vec![]));
+        s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED));
+        let (commands, news) = play(&mut s, (1450, 61_000), &inputs(Mode::Holdover));
         assert_eq!((commands, news), (vec![], vec![SwitchNews::NotSwitched(2, WhyNot::Refused)]));
+        // It is asked again after a minute, while the outage lasts.
+        let (commands, _) = play(&mut s, (61_000, 62_000), &inputs(Mode::Holdover));
+        assert_eq!(commands, [(61_450, 2)]);
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(2));
+    }
+
+    #[test]
+    fn one_refusal_before_the_answer_changes_nothing() {
+        let mut s = switch(SwitchedBy::Holdover);
+        play(&mut s, (0, 50), &inputs(Mode::Holdover));
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED)), None);
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(2));
+        assert_eq!(play(&mut s, (50, 30_000), &on_ours(Mode::Holdover)), (vec![], vec![]));
     }
 
     #[test]

@@ -5,9 +5,9 @@
 //! growing pause and a limit, because some wishes cannot be met (200 Hz of a 250 Hz sensor are 125 Hz).
 //!
 //! A refusal is learned from: ArduPilot denies more than 0.8 of SCHED_LOOP_RATE, and tells the pilot each time. So less is asked for, 0.8
-//! of it and then half again and again, until something is granted; no other stream is asked for faster than that. The request that was
-//! refused is never made again before the autopilot reboots, and a message that is denied at a rate at which others were granted is one
-//! that this autopilot does not have.
+//! of it and then half again and again, until something is granted; no other stream is asked for faster than that. A message that is denied at
+//! a rate at which others were granted is one that this autopilot does not have. One denial is no refusal (a frame that somebody else has sent
+//! looks the same): it takes two, a second apart. And what was refused is asked for again after a minute, then after two, four and so on.
 
 use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
 
@@ -39,6 +39,10 @@ pub struct StreamsConfig {
     pub backoff: Span,
     /// A stream that was good for so long has all its attempts again.
     pub forgive: Span,
+    /// Pause after a denial.
+    pub denied: Span,
+    /// Time until what was refused is asked for again; doubled each time.
+    pub again: Span,
 }
 
 impl Default for StreamsConfig {
@@ -50,6 +54,8 @@ impl Default for StreamsConfig {
             attempts: 5,
             backoff: Span::from_millis(1000),
             forgive: Span::from_millis(60_000),
+            denied: Span::from_millis(1000),
+            again: Span::from_millis(60_000),
         }
     }
 }
@@ -119,6 +125,10 @@ impl RateLimit {
     }
 }
 
+/// Denials in a row that make a refusal.
+const DENIALS: u8 = 2;
+/// An answer that comes later is none.
+const ANSWERED_WITHIN: Span = Span::from_millis(5000);
 /// First reduction of a rate that was refused (ArduPilot sends at most this part of its loop's rate), and the next ones.
 const FIRST_REDUCTION: f64 = 0.8;
 const NEXT_REDUCTION: f64 = 0.5;
@@ -138,6 +148,19 @@ struct RequestedStream {
     good_since: Option<Stamp<Companion>>,
     last_result: Option<MavResult>,
     given_up: Option<GaveUp>,
+    refusal: Refused,
+}
+
+/// What was made of denials.
+#[derive(Clone, Copy, Debug, Default)]
+struct Refused {
+    /// In a row.
+    denials: u8,
+    /// When it is asked for again, and how often it was already.
+    again: Option<Stamp<Companion>>,
+    times: u8,
+    /// It is asked for again; the rate that was in force before, Hz, if any was.
+    retried: Option<Option<f64>>,
 }
 
 impl MessageStreams {
@@ -183,13 +206,15 @@ impl MessageStreams {
     }
 
     /// Takes note of the autopilot's answer to a request of `us`.
-    pub fn acknowledge(&mut self, us: Address, ack: &COMMAND_ACK_DATA) {
+    pub fn acknowledge(&mut self, now: Stamp<Companion>, us: Address, ack: &COMMAND_ACK_DATA) {
         if ack.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
             || !us.is_meant_by(ack.target_system, ack.target_component)
         {
             return;
         }
-        let Some((index, _)) = self.waiting.take() else { return };
+        let Some((index, _)) = self.waiting.take().filter(|(_, sent)| now - *sent <= ANSWERED_WITHIN) else {
+            return;
+        };
         let Some(stream) = self.streams.get_mut(index) else { return };
         stream.last_result = Some(ack.result);
         // FAILED may be passing (a full queue), so it only decides once the attempts are used up.
@@ -197,9 +222,16 @@ impl MessageStreams {
             MavResult::MAV_RESULT_ACCEPTED => {
                 let most = self.limit.granted_hz.unwrap_or(0.0).max(stream.rate_hz);
                 self.limit.granted_hz = Some(most);
+                stream.refusal.denials = 0;
+                stream.refusal.retried = None;
             }
-            MavResult::MAV_RESULT_UNSUPPORTED => stream.given_up = Some(GaveUp::Refused(ack.result)),
-            MavResult::MAV_RESULT_DENIED => stream.denied(&mut self.limit),
+            MavResult::MAV_RESULT_UNSUPPORTED | MavResult::MAV_RESULT_DENIED => {
+                stream.denied(now, ack.result, &mut self.limit, &self.config);
+                if stream.refusal.denials > 0 {
+                    // What is granted to others meanwhile tells nothing of this one.
+                    self.next_ask = Some(now + self.config.denied);
+                }
+            }
             _ => {}
         }
     }
@@ -208,6 +240,7 @@ impl MessageStreams {
     pub fn poll(&mut self, now: Stamp<Companion>) -> Option<MavMessage> {
         for stream in &mut self.streams {
             stream.judge(now, &self.config);
+            stream.retry(now);
         }
         if self.waiting.is_some_and(|(_, sent)| now - sent < self.config.ack_timeout)
             || self.next_ask.is_some_and(|due| now < due)
@@ -216,7 +249,9 @@ impl MessageStreams {
         }
         let index = self.streams.iter().position(|s| s.is_due(now, &self.config))?;
         let stream = self.streams.get_mut(index)?;
-        stream.reduce(self.limit.allowed(stream.rate_hz));
+        if stream.refusal.retried.is_none() {
+            stream.reduce(self.limit.allowed(stream.rate_hz));
+        }
         stream.ask(now, &self.config);
         let interval_us = (1e6 / stream.rate_hz).round();
         let id = stream.wanted.message_id as f32;
@@ -244,6 +279,7 @@ impl RequestedStream {
             good_since: None,
             last_result: None,
             given_up: None,
+            refusal: Refused::default(),
         }
     }
 
@@ -258,6 +294,7 @@ impl RequestedStream {
             refused_hz: self.refused_hz,
             meter: RateMeter::for_rate(self.rate_hz),
             given_up: self.given_up.filter(|_| refused),
+            refusal: Refused { denials: 0, ..self.refusal },
             ..Self::new(self.wanted)
         }
     }
@@ -270,8 +307,54 @@ impl RequestedStream {
         }
     }
 
-    /// The request was denied: for its rate, or for the message.
-    fn denied(&mut self, limit: &mut RateLimit) {
+    /// The request was denied.
+    fn denied(
+        &mut self,
+        now: Stamp<Companion>,
+        result: MavResult,
+        limit: &mut RateLimit,
+        config: &StreamsConfig,
+    ) {
+        self.refusal.denials += 1;
+        if let Some(before_hz) = self.refusal.retried.take() {
+            // It was refused before: everything is as it was then.
+            self.refusal.denials = 0;
+            match before_hz {
+                Some(hz) => self.reduce(hz),
+                None => self.given_up = Some(GaveUp::Refused(result)),
+            }
+        } else if self.refusal.denials < DENIALS {
+            self.asked = 0;
+            self.next_ask = Some(now + config.denied);
+            return;
+        } else {
+            self.refusal.denials = 0;
+            match result {
+                MavResult::MAV_RESULT_DENIED => self.refused(limit),
+                _ => self.given_up = Some(GaveUp::Refused(result)),
+            }
+        }
+        let doubled = config.again.micros().saturating_mul(1 << self.refusal.times.min(10));
+        self.refusal.again = Some(now + Span::from_micros(doubled));
+    }
+
+    /// What was refused is asked for again when it is time: the present rate stays until it is granted.
+    fn retry(&mut self, now: Stamp<Companion>) {
+        if self.refusal.again.is_none_or(|due| now < due) {
+            return;
+        }
+        self.refusal.again = None;
+        self.refusal.times = self.refusal.times.saturating_add(1);
+        self.refusal.retried = Some(self.given_up.is_none().then_some(self.rate_hz));
+        self.given_up = None;
+        self.rate_hz = self.wanted.rate_hz;
+        self.meter = RateMeter::for_rate(self.rate_hz);
+        self.asked = 0;
+        self.next_ask = None;
+    }
+
+    /// It is refused: for its rate, or for the message.
+    fn refused(&mut self, limit: &mut RateLimit) {
         let reduction = if self.refused_hz.is_none() { FIRST_REDUCTION } else { NEXT_REDUCTION };
         let next = self.rate_hz * reduction;
         self.refused_hz = Some(self.rate_hz);
@@ -396,7 +479,7 @@ mod tests {
                 let id = command.param1 as u32;
                 requests.push((ms, id));
                 if let Some(result) = autopilot(id, command.param2) {
-                    streams.acknowledge(US, &ack(result));
+                    streams.acknowledge(at(ms), US, &ack(result));
                 }
             }
         }
@@ -453,7 +536,8 @@ mod tests {
         let answer = |id, _: f32| (id == HIGHRES_IMU).then_some(MavResult::MAV_RESULT_UNSUPPORTED);
         let requests = play(&mut streams, 0, 600_000, answer, |_| 0);
         let asked = |id| requests.iter().filter(|r| r.1 == id).count();
-        assert_eq!((asked(HIGHRES_IMU), asked(ATTITUDE)), (1, 5));
+        // Twice, and then after one, two and four minutes.
+        assert_eq!((asked(HIGHRES_IMU), asked(ATTITUDE)), (5, 5));
         let refused = GaveUp::Refused(MavResult::MAV_RESULT_UNSUPPORTED);
         let expected = [StreamVerdict::GivenUp(refused), StreamVerdict::GivenUp(GaveUp::NeverCame)];
         assert_eq!(verdicts(&streams, 600_000), expected);
@@ -506,13 +590,13 @@ mod tests {
             Some(if id == ATTITUDE { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED })
         };
         let rate = |id| if id == HIGHRES_IMU { 100 } else { 0 };
-        assert_eq!(play(&mut streams, 0, 30_000, answer, rate).len(), 2);
+        assert_eq!(play(&mut streams, 0, 30_000, answer, rate).len(), 3);
         streams.restart();
         let again = play(&mut streams, 30_000, 60_000, answer, rate);
         assert_eq!(again.iter().map(|r| r.1).collect::<Vec<_>>(), [HIGHRES_IMU]);
         streams.reboot();
         assert_eq!(verdicts(&streams, 60_000), [StreamVerdict::Pending; 2]);
-        assert_eq!(play(&mut streams, 60_000, 90_000, answer, rate).len(), 2);
+        assert_eq!(play(&mut streams, 60_000, 90_000, answer, rate).len(), 3);
     }
 
     /// An ArduPilot that sends at most `most_hz` and has no `unknown`: the requests, as (id, Hz).
@@ -527,7 +611,7 @@ mod tests {
                 let refused = hz > most_hz + 0.5 || id == unknown;
                 let result =
                     if refused { MavResult::MAV_RESULT_DENIED } else { MavResult::MAV_RESULT_ACCEPTED };
-                streams.acknowledge(US, &ack(result));
+                streams.acknowledge(at(ms), US, &ack(result));
             }
             // Whatever was granted comes.
             for report in streams.reports(at(ms)).collect::<Vec<_>>() {
@@ -546,15 +630,14 @@ mod tests {
         // A plane whose SCHED_LOOP_RATE is 50, without OPTICAL_FLOW_RAD.
         let (asked, streams) = asked_of(40.0, 106);
         let imu: Vec<i64> = asked.iter().filter(|a| a.0 == HIGHRES_IMU).map(|a| a.1).collect();
-        assert_eq!(imu[..4], [200, 160, 80, 40]);
-        for (i, request) in asked.iter().enumerate().filter(|(_, a)| a.1 > 40 || a.0 == 106) {
-            assert!(!asked[i + 1..].contains(request), "{request:?} twice: {asked:?}");
-        }
-        // Nothing else is asked for faster than that, and what is denied all the same is not there.
-        assert!(asked[4..].iter().all(|a| a.1 <= 40), "{asked:?}");
-        assert_eq!(asked.iter().filter(|a| a.0 == 106).count(), 1, "{asked:?}");
+        // Each rate twice; and what is wanted after one, two and four minutes.
+        assert_eq!(imu, [200, 200, 160, 160, 80, 80, 40, 200, 200, 200]);
+        // Nothing else is asked for faster than that meanwhile, and what is denied all the same is not there.
+        let others = asked.iter().filter(|a| a.0 != HIGHRES_IMU && a.1 > 40).count();
+        assert!(others <= 6, "{asked:?}");
+        assert_eq!(asked.iter().filter(|a| a.0 == 106).count(), 5, "{asked:?}");
         let reports: Vec<StreamReport> = streams.reports(at(600_000)).collect();
-        assert_eq!(reports[0].reduced, Some((40.0, true)));
+        assert_eq!(reports[0].reduced.map(|r| r.0), Some(40.0));
         let denied = StreamVerdict::GivenUp(GaveUp::Refused(MavResult::MAV_RESULT_DENIED));
         assert_eq!((reports[3].verdict, reports[4].reduced), (denied, None));
     }
@@ -563,7 +646,53 @@ mod tests {
     fn an_autopilot_that_refuses_everything_is_left_in_peace() {
         let (asked, _) = asked_of(0.0, 0);
         let imu: Vec<i64> = asked.iter().filter(|a| a.0 == HIGHRES_IMU).map(|a| a.1).collect();
-        assert_eq!(imu, [200, 160, 80, 40, 20]);
+        assert_eq!(imu, [200, 200, 160, 160, 80, 80, 40, 40, 20, 20, 200, 200, 200]);
+    }
+
+    #[test]
+    fn one_denial_ends_no_stream() {
+        let all = wanted(&[(HIGHRES_IMU, 200.0), (ATTITUDE, 50.0)]);
+        for denial in [MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_UNSUPPORTED] {
+            let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &all);
+            // The first answer to each is somebody else's.
+            let mut denied = Vec::new();
+            let answer = |id, _: f32| {
+                let first = !denied.contains(&id);
+                denied.push(id);
+                Some(if first { denial } else { MavResult::MAV_RESULT_ACCEPTED })
+            };
+            let rate = |id| if id == HIGHRES_IMU { 200 } else { 50 };
+            let requests = play(&mut streams, 0, 200_000, answer, rate);
+            assert_eq!(requests.len(), 4, "{requests:?}");
+            assert_eq!(verdicts(&streams, 200_000), [StreamVerdict::Met; 2]);
+            assert!(streams.reports(at(200_000)).all(|r| r.reduced.is_none()));
+        }
+    }
+
+    #[test]
+    fn what_was_refused_is_asked_for_again_and_may_be_granted() {
+        let all = wanted(&[(HIGHRES_IMU, 200.0)]);
+        let mut streams = MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &all);
+        let denied = |_, _: f32| Some(MavResult::MAV_RESULT_UNSUPPORTED);
+        assert_eq!(play(&mut streams, 0, 60_000, denied, |_| 0).len(), 2);
+        let granted = |_, _: f32| Some(MavResult::MAV_RESULT_ACCEPTED);
+        let again = play(&mut streams, 60_000, 80_000, granted, |_| 200);
+        assert_eq!((again.len(), again[0].0 / 1000), (1, 61));
+        assert_eq!(verdicts(&streams, 80_000), [StreamVerdict::Met]);
+    }
+
+    #[test]
+    fn an_answer_to_nothing_changes_nothing() {
+        let mut streams =
+            MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
+        for ms in 0..1000 {
+            streams.acknowledge(at(ms), US, &ack(MavResult::MAV_RESULT_UNSUPPORTED));
+        }
+        assert!(streams.poll(at(1000)).is_some());
+        for ms in 7000..8000 {
+            streams.acknowledge(at(ms), US, &ack(MavResult::MAV_RESULT_UNSUPPORTED));
+        }
+        assert!(!matches!(verdicts(&streams, 8000)[0], StreamVerdict::GivenUp(_)));
     }
 
     #[test]
@@ -572,9 +701,9 @@ mod tests {
             MessageStreams::new(StreamsConfig::default(), AUTOPILOT, &wanted(&[(ATTITUDE, 50.0)]));
         streams.poll(at(0)).unwrap();
         let other = COMMAND_ACK_DATA { target_component: 190, ..ack(MavResult::MAV_RESULT_DENIED) };
-        streams.acknowledge(US, &other);
+        streams.acknowledge(at(10), US, &other);
         let command = MavCmd::MAV_CMD_REQUEST_MESSAGE;
-        streams.acknowledge(US, &COMMAND_ACK_DATA { command, ..ack(MavResult::MAV_RESULT_DENIED) });
+        streams.acknowledge(at(10), US, &COMMAND_ACK_DATA { command, ..ack(MavResult::MAV_RESULT_DENIED) });
         assert_eq!(verdicts(&streams, 10), [StreamVerdict::Pending]);
     }
 
