@@ -14,7 +14,7 @@ use crate::time::{AutopilotTime, ClockEvent, Span};
 
 use super::counters::Cause;
 use date::{Date, UNIX_EPOCH_US};
-use pace::Pace;
+use pace::ArrivalPace;
 pub use rival::Arrival;
 use rival::{Claim, Rivals, Suspect};
 
@@ -43,7 +43,7 @@ pub struct AutopilotClock {
     date: Date,
     /// How the frame came that is read.
     arrival: Option<Arrival>,
-    pace: Pace,
+    pace: ArrivalPace,
     rivals: Rivals,
     wraps: Wraps,
     event: Option<ClockEvent>,

@@ -21,6 +21,7 @@ mod bad_input;
 mod believed;
 mod contradicted;
 mod dead_reckoning;
+mod forged;
 mod holes;
 mod hostile;
 mod judged;

@@ -1,3 +1,5 @@
+//! A vehicle whose autopilot tells origins, true ones and others.
+
 use super::*;
 use crate::geo::{Body, BodyToNed};
 use crate::navigator::solution::VelocitySource;

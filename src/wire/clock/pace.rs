@@ -23,30 +23,30 @@ const ANOTHER_RATE: f64 = 0.05;
 
 /// A stamp, µs since boot, and when it came.
 #[derive(Clone, Copy, Debug)]
-struct Reading {
+struct StampReading {
     at: Stamp<Companion>,
     boot_us: i64,
 }
 
 /// The bound, once there was a frame whose arrival is known.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Pace(Option<Bound>);
+pub(super) struct ArrivalPace(Option<Bound>);
 
 #[derive(Clone, Copy, Debug)]
 struct Bound {
-    origin: Reading,
+    origin: StampReading,
     /// Seconds of the autopilot's clock for one of ours; never below 1: what lags explains no lead.
     rate: f64,
-    newest: Reading,
+    newest: StampReading,
     /// Largest lead on the line through the origin: what is in force, and that of this window.
     top_us: i64,
     window_top_us: i64,
-    window: Reading,
+    window: StampReading,
     raised: Stamp<Companion>,
 }
 
 impl Bound {
-    fn new(origin: Reading) -> Self {
+    fn new(origin: StampReading) -> Self {
         Self {
             origin,
             rate: 1.0,
@@ -71,13 +71,13 @@ impl Bound {
         (slack_us as f64 * self.rate) as i64
     }
 
-    fn lead_us(&self, r: Reading) -> i64 {
+    fn lead_us(&self, r: StampReading) -> i64 {
         let most = if self.is_simulated() { 2.0 * self.rate } else { 1.0 };
         let elapsed = (r.at - self.origin.at).micros() as f64 * most;
         r.boot_us.saturating_sub(self.origin.boot_us).saturating_sub(elapsed as i64)
     }
 
-    fn note(&mut self, r: Reading) {
+    fn note(&mut self, r: StampReading) {
         if self.is_young(r.at) {
             self.rate = rate(&self.origin, &r).unwrap_or(self.rate).max(1.0);
             self.top_us = self.top_us.max(self.lead_us(r));
@@ -96,7 +96,7 @@ impl Bound {
         }
     }
 
-    fn end_window(&mut self, r: Reading) {
+    fn end_window(&mut self, r: StampReading) {
         let measured = rate(&self.window, &r).unwrap_or(self.rate).max(1.0);
         if (measured / self.rate - 1.0).abs() > ANOTHER_RATE {
             *self = Self { rate: measured, ..Self::new(r) };
@@ -108,19 +108,20 @@ impl Bound {
     }
 }
 
-fn rate(from: &Reading, to: &Reading) -> Option<f64> {
+fn rate(from: &StampReading, to: &StampReading) -> Option<f64> {
     let elapsed = (to.at - from.at).micros();
     let passed = to.boot_us.saturating_sub(from.boot_us);
     (elapsed >= MEASURED_US).then(|| passed as f64 / elapsed as f64)
 }
 
-impl Pace {
+impl ArrivalPace {
     /// Whether a stamp of `boot_us` can be in a frame that comes `at`.
     pub(super) fn explains(&self, at: Option<Stamp<Companion>>, boot_us: i64) -> bool {
         let (Some(bound), Some(at)) = (&self.0, at) else { return true };
         let slack = bound.slack_us(at);
         // A receiver whose clock was set back knows nothing.
-        at < bound.newest.at || bound.lead_us(Reading { at, boot_us }) <= bound.top_us.saturating_add(slack)
+        at < bound.newest.at
+            || bound.lead_us(StampReading { at, boot_us }) <= bound.top_us.saturating_add(slack)
     }
 
     /// How long ago by the autopilot's clock the newest stamp came that was believed; `None` where that is not known.
@@ -138,7 +139,7 @@ impl Pace {
     /// A stamp was believed.
     pub(super) fn note(&mut self, at: Option<Stamp<Companion>>, boot_us: i64) {
         let Some(at) = at else { return };
-        let reading = Reading { at, boot_us };
+        let reading = StampReading { at, boot_us };
         match &mut self.0 {
             Some(bound) if at >= bound.newest.at => {
                 bound.note(reading);
@@ -151,7 +152,7 @@ impl Pace {
     /// The clock has jumped to this.
     pub(super) fn restart(&mut self, at: Option<Stamp<Companion>>, boot_us: i64) {
         let rate = self.rate();
-        self.0 = at.map(|at| Bound { rate, ..Bound::new(Reading { at, boot_us }) });
+        self.0 = at.map(|at| Bound { rate, ..Bound::new(StampReading { at, boot_us }) });
     }
 
     /// The clock is found to have been running for so much longer, µs.
@@ -173,8 +174,8 @@ mod tests {
     }
 
     /// A clock of which a frame comes every 10 ms for `seconds`, at `rate` times real time and `late_ms(t)` late.
-    fn running(seconds: i64, rate: i64, late_ms: impl Fn(i64) -> i64) -> Pace {
-        let mut pace = Pace::default();
+    fn running(seconds: i64, rate: i64, late_ms: impl Fn(i64) -> i64) -> ArrivalPace {
+        let mut pace = ArrivalPace::default();
         for ms in (0..seconds * 1000).step_by(10) {
             let boot_us = (ms - late_ms(ms)) * rate * 1000;
             assert!(pace.explains(at(ms), boot_us), "{ms}");

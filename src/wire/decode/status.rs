@@ -5,7 +5,7 @@ use mavlink::dialects::ardupilotmega as apm;
 use crate::sample::{Airframe, Input, VehicleStatus};
 
 use super::super::session::heartbeat_fields::HeartbeatFields;
-use super::super::session::identity::Told;
+use super::super::session::identity::NatureWord;
 use super::{Cause, Decoder, Out};
 
 /// A differential pressure beyond this is one, hPa: 4 m/s.
@@ -23,7 +23,7 @@ impl Decoder {
             system_status: m.system_status as u8,
             mavlink_version: m.mavlink_version,
         };
-        let Told::Believed(is) = self.nature.hear(now_us, told) else { return Err(Cause::Unconfirmed) };
+        let NatureWord::Believed(is) = self.nature.hear(now_us, told) else { return Err(Cause::Unconfirmed) };
         let status = VehicleStatus { airframe: airframe(is.vehicle_type), armed: Some(is.armed()) };
         if self.status != Some(status) {
             self.status = Some(status);

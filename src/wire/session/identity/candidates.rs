@@ -29,7 +29,7 @@ const DECIDED: Span = Span::from_millis(3000);
 
 /// What was heard of somebody who says that it is an autopilot.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Candidate {
+pub(super) struct AutopilotCandidate {
     pub(super) address: Address,
     /// Its newest heartbeat.
     pub(super) fields: HeartbeatFields,
@@ -51,7 +51,7 @@ struct Inertial {
     frames: u32,
 }
 
-impl Candidate {
+impl AutopilotCandidate {
     fn beat(&mut self, now: Stamp<Companion>, fields: HeartbeatFields) {
         self.fields = fields;
         let since = now - self.newest;
@@ -100,7 +100,7 @@ pub(super) struct Candidates {
     system: Option<SystemId>,
     component: Option<ComponentId>,
     expected: Option<SystemId>,
-    heard: Vec<Candidate>,
+    heard: Vec<AutopilotCandidate>,
 }
 
 impl Candidates {
@@ -145,12 +145,21 @@ impl Candidates {
         let preferred = address.component == self.component.unwrap_or(ComponentId::AUTOPILOT);
         let expected = preferred && self.expected == Some(address.system);
         let (first, newest) = (now, now);
-        let new = Candidate { address, fields, preferred, expected, first, newest, beats: 1, inertial: None };
+        let new = AutopilotCandidate {
+            address,
+            fields,
+            preferred,
+            expected,
+            first,
+            newest,
+            beats: 1,
+            inertial: None,
+        };
         if self.heard.len() < MOST {
             self.heard.push(new);
             return;
         }
-        let weight = |c: &Candidate| (c.keeps_rhythm(now), c.merit(now));
+        let weight = |c: &AutopilotCandidate| (c.keeps_rhythm(now), c.merit(now));
         if let Some(least) =
             self.heard.iter_mut().min_by_key(|c| weight(c)).filter(|c| weight(c) <= weight(&new))
         {
@@ -159,11 +168,12 @@ impl Candidates {
     }
 
     /// Who is to be chosen now, but for `current`.
-    pub(super) fn best(&self, now: Stamp<Companion>, current: Option<Address>) -> Option<Candidate> {
+    pub(super) fn best(&self, now: Stamp<Companion>, current: Option<Address>) -> Option<AutopilotCandidate> {
         let mut possible = self.heard.iter().filter(|c| Some(c.address) != current && c.may_be_chosen(now));
         let best = possible.clone().max_by_key(|c| c.merit(now))?;
         // Who else may prove to be it is waited for.
-        let rival = |c: &Candidate| c.address != best.address && c.preferred && now - c.newest <= HEARD;
+        let rival =
+            |c: &AutopilotCandidate| c.address != best.address && c.preferred && now - c.newest <= HEARD;
         let alone = !self.heard.iter().any(rival) && possible.all(|c| c.address == best.address);
         let decided = current.is_some()
             || alone
@@ -174,8 +184,8 @@ impl Candidates {
     }
 
     /// Who would be, if nothing more came.
-    pub(super) fn likeliest(&self) -> Option<Candidate> {
-        let frames = |c: &Candidate| c.inertial.map_or(0, |i| i.frames);
+    pub(super) fn likeliest(&self) -> Option<AutopilotCandidate> {
+        let frames = |c: &AutopilotCandidate| c.inertial.map_or(0, |i| i.frames);
         self.heard.iter().max_by_key(|c| (frames(c), c.preferred, c.beats, -c.first.micros())).copied()
     }
 

@@ -18,7 +18,7 @@ const IN_TURNS_US: i64 = 10_000_000;
 
 /// What to make of a heartbeat.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) enum Told {
+pub(crate) enum NatureWord {
     /// The vehicle is this.
     Believed(HeartbeatFields),
     /// It contradicts what is known.
@@ -70,10 +70,10 @@ impl Nature {
     }
 
     /// Takes a heartbeat of its autopilot.
-    pub(crate) fn hear(&mut self, now_us: i64, fields: HeartbeatFields) -> Told {
+    pub(crate) fn hear(&mut self, now_us: i64, fields: HeartbeatFields) -> NatureWord {
         let Some(known) = self.known else {
             self.known = Some(fields);
-            return Told::Believed(fields);
+            return NatureWord::Believed(fields);
         };
         if same(&known, &fields) {
             self.other = None;
@@ -84,13 +84,13 @@ impl Nature {
         self.other = Some(other);
         let evident = fields.autopilot == known.autopilot || self.independent;
         if !evident || !other.lasted(now_us, CONFIRM, OVER_US) {
-            return Told::Doubted;
+            return NatureWord::Doubted;
         }
         *self = Self { known: Some(fields), ..Self::default() };
-        Told::Believed(fields)
+        NatureWord::Believed(fields)
     }
 
-    fn armed(&mut self, now_us: i64, known: HeartbeatFields, fields: HeartbeatFields) -> Told {
+    fn armed(&mut self, now_us: i64, known: HeartbeatFields, fields: HeartbeatFields) -> NatureWord {
         let turns = fields.armed() != known.armed();
         let lately = self.turned_us.is_some_and(|t| now_us.saturating_sub(t) < IN_TURNS_US);
         if !turns {
@@ -101,13 +101,13 @@ impl Nature {
                 let disarmed = Contender::hear(self.disarmed, fields, now_us);
                 self.disarmed = Some(disarmed);
                 if !disarmed.lasted(now_us, DISARMED, DISARMED_OVER_US) {
-                    return Told::Doubted;
+                    return NatureWord::Doubted;
                 }
             }
             self.disarmed = None;
         }
         self.known = Some(fields);
-        Told::Believed(fields)
+        NatureWord::Believed(fields)
     }
 }
 
@@ -129,7 +129,7 @@ mod tests {
     }
 
     fn believed(nature: &mut Nature, now_us: i64, fields: HeartbeatFields) -> bool {
-        nature.hear(now_us, fields) == Told::Believed(fields)
+        nature.hear(now_us, fields) == NatureWord::Believed(fields)
     }
 
     #[test]
@@ -138,8 +138,8 @@ mod tests {
         for s in 0..100 {
             assert!(believed(&mut nature, s * SECOND, beat(2, 3, true)));
             for n in 0..50 {
-                assert_eq!(nature.hear(s * SECOND + n, beat(2, 12, true)), Told::Doubted);
-                assert_eq!(nature.hear(s * SECOND + n, beat(1, 3, true)), Told::Doubted);
+                assert_eq!(nature.hear(s * SECOND + n, beat(2, 12, true)), NatureWord::Doubted);
+                assert_eq!(nature.hear(s * SECOND + n, beat(1, 3, true)), NatureWord::Doubted);
             }
         }
     }
@@ -148,11 +148,11 @@ mod tests {
     fn another_autopilot_needs_more_than_heartbeats() {
         let mut nature = Nature::default();
         believed(&mut nature, 0, beat(2, 3, false));
-        assert!((1..60).all(|s| nature.hear(s * SECOND, beat(2, 12, false)) == Told::Doubted));
+        assert!((1..60).all(|s| nature.hear(s * SECOND, beat(2, 12, false)) == NatureWord::Doubted));
         nature.independent();
         assert!(believed(&mut nature, 60 * SECOND, beat(2, 12, false)));
         // Evidence of before does not count for the next.
-        assert!((61..90).all(|s| nature.hear(s * SECOND, beat(2, 3, false)) == Told::Doubted));
+        assert!((61..90).all(|s| nature.hear(s * SECOND, beat(2, 3, false)) == NatureWord::Doubted));
     }
 
     #[test]
@@ -173,7 +173,7 @@ mod tests {
         let mut armed = false;
         for ms in (60_001..120_000).step_by(10) {
             let fields = beat(2, 3, ms % 1000 < 10);
-            if let Told::Believed(now) = nature.hear(ms * 1000, fields) {
+            if let NatureWord::Believed(now) = nature.hear(ms * 1000, fields) {
                 changes += u32::from(now.armed() != armed);
                 armed = now.armed();
             }
