@@ -281,7 +281,8 @@ impl Daemon {
             _ => return,
         }
         let mut inputs = std::mem::take(&mut self.inputs);
-        self.decoder.decode(&frame, Some(at), &mut inputs);
+        // It had come by now; what waited in a pause may have come at any time of it.
+        self.decoder.decode(&frame, Some(self.clock.now()), &mut inputs);
         self.session.stamped(self.decoder.clock().newest(), at);
         self.take(inputs, at);
     }

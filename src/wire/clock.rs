@@ -227,7 +227,7 @@ impl AutopilotClock {
             (false, true) => Claim::Hole,
             (false, false) => Claim::Jump,
         };
-        if !self.rivals.hear(Suspect { boot_us, arrival: self.arrival }, claim, self.pace.rate()) {
+        if !self.rivals.hear(Suspect { boot_us, arrival: self.arrival }, claim, &self.pace) {
             return Err(if back { Cause::OutOfOrder } else { Cause::Stale });
         }
         Ok(self.jump(newest, boot_us, silent))

@@ -88,7 +88,11 @@ impl Autopilot {
     async fn fly(&mut self, flight: &Flight, to_s: f64) {
         let socket = Arc::clone(&self.socket);
         let (to, inside) = (self.to, Arc::clone(&self.inside));
-        flight.introduce(async |beat: &[u8]| drop(self.socket.send_to(beat, to).await.unwrap())).await;
+        flight
+            .introduce(async |beat: &[u8]| {
+                self.socket.send_to(beat, to).await.unwrap();
+            })
+            .await;
         self.text("EKF3 IMU0 is using GPS").await;
         let kept: Vec<(f64, Vec<u8>)> = flight.frames.clone();
         let mut at_s = 0.0;

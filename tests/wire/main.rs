@@ -8,6 +8,7 @@
 
 mod daemon;
 mod double;
+mod forged;
 mod hand_over;
 mod links;
 mod live;

@@ -69,7 +69,7 @@ async fn paused(
         ages.lock().unwrap().sends(burst);
         send(burst).await;
     };
-    send(flight.heartbeat()).await;
+    flight.introduce(&mut send).await;
     flight.play(0.0, REAL_TIME_S, SPEED, &mut send).await;
     flight.play(REAL_TIME_S, REAL_TIME_S + 1.0, 1.0, &mut send).await;
     assert!(!ages.lock().unwrap().odometry.is_empty(), "{}", holdover.log());

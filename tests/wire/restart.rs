@@ -73,7 +73,11 @@ async fn killed_in_an_outage(address: SocketAddr, folder: &Path) -> (Autopilot, 
     let flight = Flight::load(COPTER, 120.0);
     let mut holdover = start(address, folder, "80..400");
     let autopilot = Autopilot::new(address).await;
-    flight.introduce(async |beat: &[u8]| drop(autopilot.socket.send_to(beat, address).await.unwrap())).await;
+    flight
+        .introduce(async |beat: &[u8]| {
+            autopilot.socket.send_to(beat, address).await.unwrap();
+        })
+        .await;
     autopilot.play(&flight, 0.0, REAL_TIME_S, SPEED).await;
     autopilot.play(&flight, REAL_TIME_S, KILLED_S, 1.0).await;
     assert!(autopilot.odometry().len() > 100, "{}", holdover.log());
@@ -126,7 +130,9 @@ async fn a_state_of_another_boot_and_one_that_is_none_are_told_and_not_used() {
     let again = async |reason: &str| {
         let mut holdover = start(address, folder.path(), "0..400");
         flight
-            .introduce(async |beat: &[u8]| drop(autopilot.socket.send_to(beat, address).await.unwrap()))
+            .introduce(async |beat: &[u8]| {
+                autopilot.socket.send_to(beat, address).await.unwrap();
+            })
             .await;
         autopilot.play(&flight, 0.0, 3.0, SPEED).await;
         holdover.wait_for(&format!("state not used: {reason}"), 1);

@@ -94,7 +94,11 @@ async fn without_that_link_another_system_is_not_listened_to() {
     let to = holdover.address();
     let autopilot = UdpSocket::bind("127.0.0.1:0").await.unwrap();
     let mut writer = FrameWriter::new(Address { system: SystemId(42), component: ComponentId(1) });
-    flight.introduce(async |beat: &[u8]| drop(autopilot.send_to(beat, to).await.unwrap())).await;
+    flight
+        .introduce(async |beat: &[u8]| {
+            autopilot.send_to(beat, to).await.unwrap();
+        })
+        .await;
     flight
         .play(0.0, 40.0, SPEED, async |burst: &[u8]| {
             let (own, seen) = split(burst, &mut writer);

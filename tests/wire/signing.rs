@@ -128,9 +128,12 @@ impl Autopilot {
             });
             out
         };
-        let first = signed(flight.heartbeat());
-        self.socket.send_to(&first, to).await.unwrap();
-        sent.extend(first);
+        let introduce = async |beat: &[u8]| {
+            let bytes = signed(beat);
+            self.socket.send_to(&bytes, to).await.unwrap();
+            sent.extend(bytes);
+        };
+        flight.introduce(introduce).await;
         let send = async |burst: &[u8]| {
             let bytes = signed(burst);
             drop(self.socket.send_to(&bytes, to).await);

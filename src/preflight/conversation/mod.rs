@@ -201,7 +201,7 @@ impl Preflight {
             _ => return reply,
         }
         let mut inputs = std::mem::take(&mut self.inputs);
-        self.decoder.decode(frame, Some(at), &mut inputs);
+        self.decoder.decode(frame, Some(now), &mut inputs);
         self.session.stamped(self.decoder.clock().newest(), at);
         for input in inputs.drain(..) {
             if matches!(input, Input::Origin(_)) {

@@ -6,6 +6,8 @@
 
 use crate::time::{Companion, Span, Stamp};
 
+/// A receiver may note two frames in the wrong order, µs; one whose clock goes back further was set.
+const OUT_OF_ORDER_US: i64 = 5_000_000;
 /// In the beginning a link may be working off what has waited, µs: so long, and by so much.
 const YOUNG_US: i64 = 3_000_000;
 const YOUNG_SLACK_US: i64 = 2_000_000;
@@ -60,6 +62,11 @@ impl Bound {
 
     fn is_young(&self, at: Stamp<Companion>) -> bool {
         (at - self.origin.at).micros() < YOUNG_US
+    }
+
+    /// When something came; `None` if the receiver's clock was set back since.
+    fn ordered(&self, at: Stamp<Companion>) -> Option<Stamp<Companion>> {
+        ((self.newest.at - at).micros() <= OUT_OF_ORDER_US).then(|| at.max(self.newest.at))
     }
 
     fn is_simulated(&self) -> bool {
@@ -120,8 +127,8 @@ impl ArrivalPace {
         let (Some(bound), Some(at)) = (&self.0, at) else { return true };
         let slack = bound.slack_us(at);
         // A receiver whose clock was set back knows nothing.
-        at < bound.newest.at
-            || bound.lead_us(StampReading { at, boot_us }) <= bound.top_us.saturating_add(slack)
+        let Some(at) = bound.ordered(at) else { return true };
+        bound.lead_us(StampReading { at, boot_us }) <= bound.top_us.saturating_add(slack)
     }
 
     /// How long ago by the autopilot's clock the newest stamp came that was believed; `None` where that is not known.
@@ -129,6 +136,11 @@ impl ArrivalPace {
         let (bound, at) = self.0.as_ref().zip(at)?;
         let passed = (at - bound.newest.at).micros();
         (passed >= 0).then(|| Span::from_micros((passed as f64 * bound.rate) as i64))
+    }
+
+    /// Whether it is a simulation's, whose rate changes.
+    pub(super) fn is_simulated(&self) -> bool {
+        self.0.as_ref().is_some_and(Bound::is_simulated)
     }
 
     /// Seconds of the autopilot's clock for one of the receiver's.
@@ -139,13 +151,14 @@ impl ArrivalPace {
     /// A stamp was believed.
     pub(super) fn note(&mut self, at: Option<Stamp<Companion>>, boot_us: i64) {
         let Some(at) = at else { return };
-        let reading = StampReading { at, boot_us };
-        match &mut self.0 {
-            Some(bound) if at >= bound.newest.at => {
+        let ordered = self.0.as_ref().and_then(|bound| bound.ordered(at));
+        match (&mut self.0, ordered) {
+            (Some(bound), Some(at)) => {
+                let reading = StampReading { at, boot_us };
                 bound.note(reading);
                 bound.newest = reading;
             }
-            _ => self.0 = Some(Bound::new(reading)),
+            _ => self.0 = Some(Bound::new(StampReading { at, boot_us })),
         }
     }
 

@@ -4,6 +4,7 @@
 //! stamps pass as time does and began after the last stamp of before; and of the old clock nothing comes any more. The last is what no
 //! burst can bring about: any stamp of the clock that is followed ends the suspicion.
 
+use super::pace::ArrivalPace;
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::messages::{Meaning, meaning_of};
 
@@ -29,6 +30,9 @@ const LASTS: Span = Span::from_millis(500);
 const TWO_KINDS: Span = Span::from_millis(3000);
 /// … and whatever comes, and whatever its stamps, is believed after this.
 const ALONE: Span = Span::from_millis(10_000);
+/// Time passes by stamps as it does by arrival to within this factor; in a simulation by this.
+const AS_TIME_DOES: f64 = 2.0;
+const SIMULATED: f64 = 4.0;
 /// Frames are numbered in a row if no more than this are missing between two.
 const MISSING: u8 = 64;
 
@@ -89,9 +93,10 @@ impl Rival {
         }
     }
 
-    fn agrees(&self, s: &Suspect, rate: f64) -> bool {
-        let passed = s.since(&self.newest).map_or(0, |span| (span.micros() as f64 * rate) as i64);
-        s.boot_us.saturating_sub(self.newest.boot_us).saturating_sub(passed).abs() <= AGREE_US
+    fn agrees(&self, s: &Suspect, pace: &ArrivalPace) -> bool {
+        let passed = s.since(&self.newest).map_or(0, |span| (span.micros() as f64 * pace.rate()) as i64);
+        let most_us = (AGREE_US as f64 * pace.rate()) as i64;
+        s.boot_us.saturating_sub(self.newest.boot_us).saturating_sub(passed).abs() <= most_us
     }
 
     fn hear(&mut self, s: Suspect) {
@@ -104,7 +109,7 @@ impl Rival {
         self.newest = s;
     }
 
-    fn is_believed(&self, claim: Claim, rate: f64) -> bool {
+    fn is_believed(&self, claim: Claim, pace: &ArrivalPace) -> bool {
         if claim == Claim::Hole {
             return self.frames >= AFTER_A_HOLE;
         }
@@ -113,19 +118,29 @@ impl Rival {
             // Of a log without arrival nothing but the stamps' own time is known.
             return self.frames >= FRAMES && own >= LASTS;
         };
-        let ratio = own.seconds() / (lasted.seconds() * rate).max(1e-6);
-        let runs = lasted >= LASTS && (0.5..=2.0).contains(&ratio);
+        let ratio = own.seconds() / (lasted.seconds() * pace.rate()).max(1e-6);
+        let within = if pace.is_simulated() { SIMULATED } else { AS_TIME_DOES };
+        let runs = lasted >= LASTS && (1.0 / within..=within).contains(&ratio);
         let numbered = self.in_order * 4 >= self.frames * 3;
-        if !runs || !numbered || self.frames < FRAMES {
-            return false;
-        }
+        runs && numbered
+            && self.frames >= FRAMES
+            && (lasted >= ALONE || (self.kinds_agree(lasted) && self.began_after(claim, pace)))
+    }
+
+    /// The IMU and SYSTEM_TIME agree; or whatever two kinds, for longer.
+    fn kinds_agree(&self, lasted: Span) -> bool {
         let kinds = [self.inertial, self.date, self.other].iter().filter(|k| **k).count();
-        let kinds_agree = (self.inertial && self.date) || (kinds >= 2 && lasted >= TWO_KINDS);
-        let began_after = match claim {
-            Claim::Reboot(Some(silent)) => self.newest.boot_us <= silent.micros().saturating_add(AGREE_US),
+        (self.inertial && self.date) || (kinds >= 2 && lasted >= TWO_KINDS)
+    }
+
+    /// Whoever has rebooted did so after the last stamp of before. How fast a simulation ran meanwhile is not known.
+    fn began_after(&self, claim: Claim, pace: &ArrivalPace) -> bool {
+        match claim {
+            Claim::Reboot(Some(silent)) if !pace.is_simulated() => {
+                self.newest.boot_us <= silent.micros().saturating_add(AGREE_US)
+            }
             _ => true,
-        };
-        lasted >= ALONE || (kinds_agree && began_after)
+        }
     }
 }
 
@@ -140,10 +155,10 @@ impl Rivals {
     }
 
     /// A stamp that does not belong to the clock that is followed; whether it is believed now.
-    pub(super) fn hear(&mut self, s: Suspect, claim: Claim, rate: f64) -> bool {
-        if let Some(rival) = self.0.iter_mut().flatten().find(|r| r.agrees(&s, rate)) {
+    pub(super) fn hear(&mut self, s: Suspect, claim: Claim, pace: &ArrivalPace) -> bool {
+        if let Some(rival) = self.0.iter_mut().flatten().find(|r| r.agrees(&s, pace)) {
             rival.hear(s);
-            return rival.is_believed(claim, rate);
+            return rival.is_believed(claim, pace);
         }
         // The one that has been silent for longest is the least of them.
         let age = |r: &Option<Rival>| r.map(|r| (r.newest.at(), r.frames));

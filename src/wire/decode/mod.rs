@@ -143,7 +143,7 @@ impl Decoder {
         self.repairs.take_news()
     }
 
-    /// Decodes `frame`, which came at `at` where that was noted, and appends what it told to `out`. Frames of other systems, and anything
+    /// Decodes `frame`, which had come by `at` where that was noted, and appends what it told to `out`. Frames of other systems, and anything
     /// rejected, are counted.
     pub fn decode(&mut self, frame: &Frame<'_>, at: Option<Stamp<Companion>>, out: &mut Vec<Input>) {
         if self.vehicle != Some((frame.system(), frame.component())) {
