@@ -115,8 +115,8 @@ impl Rival {
         }
         let own = Span::from_micros(self.newest.boot_us.saturating_sub(self.first.boot_us));
         let Some(lasted) = self.newest.since(&self.first) else {
-            // Of a log without arrival nothing but the stamps' own time is known.
-            return self.frames >= FRAMES && own >= LASTS;
+            // Of a log without arrival nothing but the stamps' own time is known. The autopilot's own log is nobody else's.
+            return self.frames >= FRAMES && (own >= LASTS || self.newest.arrival.is_none());
         };
         let ratio = own.seconds() / (lasted.seconds() * pace.rate()).max(1e-6);
         let within = if pace.is_simulated() { SIMULATED } else { AS_TIME_DOES };
