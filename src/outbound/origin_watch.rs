@@ -44,12 +44,12 @@ pub enum OriginWord {
 
 /// Where the frame begins by one kind of evidence: as a rule, and in the newest comparison, NED of our frame, m.
 #[derive(Clone, Copy, Debug, Default)]
-struct Evidence {
+struct OriginEvidence {
     usual: Option<Vector3<f64>>,
     newest: Option<(AutopilotTime, Vector3<f64>)>,
 }
 
-impl Evidence {
+impl OriginEvidence {
     fn hear(&mut self, time: AutopilotTime, begins_ned: Vector3<f64>, waits: bool) {
         self.newest = Some((time, begins_ned));
         if !waits {
@@ -86,8 +86,8 @@ pub struct OriginWatch {
     anchor: Option<Geodetic>,
     waiting: Option<WaitingOrigin>,
     /// By the autopilot's own place on Earth, and by our solution.
-    own: Evidence,
-    ours: Evidence,
+    own: OriginEvidence,
+    ours: OriginEvidence,
     global: Option<(AutopilotTime, Geodetic, Vector3<f64>)>,
     disarmed: bool,
     contradicted: Option<AutopilotTime>,

@@ -527,7 +527,7 @@ async fn a_serial_device_that_is_not_there_yet_is_named_and_waited_for() {
     let mut drone = Drone::stream(stream, &Heard::default());
     holdover.wait_for("up, to", 1);
     drop(device);
-    drone.send(flight.heartbeat()).await;
+    flight.introduce(async |beat: &[u8]| drone.send(beat).await).await;
     drone.play(&flight, 0.0, 10.0).await;
     holdover.wait_for("following", 1);
     holdover.stop();

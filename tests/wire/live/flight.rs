@@ -47,9 +47,10 @@ impl Flight {
         &self.heartbeat
     }
 
-    /// Says who is there, as an autopilot does in the second before anything else: nothing is lost of what is played after that.
+    /// Says who is there, as an autopilot does before anything else: a second for the link, and one for the vehicle. Nothing is lost of what
+    /// is played after that.
     pub async fn introduce<F: AsyncFnMut(&[u8])>(&self, mut send: F) {
-        for _ in 0..2 {
+        for _ in 0..5 {
             send(&self.heartbeat).await;
             sleep(Duration::from_millis(500)).await;
         }
