@@ -4,6 +4,7 @@
 //! that are open, a clock and a token that stops it, so that a test needs neither fixed ports nor signals. Nothing is sent but on a new IMU
 //! sample: when the stream stops, so does the output.
 
+mod codes;
 mod hand_over;
 mod imu_told;
 mod keeping;
@@ -46,6 +47,7 @@ use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
 use crate::wire::session::transmitter::Transmitter;
 use crate::wire::signing::SigningWatch;
 
+pub use codes::{CODE_NO_AUTOPILOT, CODE_SILENT, mode_code};
 use keeping::{Keeping, Moment};
 use lateness::LateWatch;
 use lines::LogHandle;
@@ -61,22 +63,6 @@ const SUMMARY_PERIOD: Span = Span::from_millis(30_000);
 const IN_A_ROW: usize = 64;
 /// How long the last heartbeat has to leave.
 const LAST_WORDS: Duration = Duration::from_millis(50);
-
-/// `custom_mode` of our heartbeat before an autopilot was heard.
-pub const CODE_NO_AUTOPILOT: u32 = 0;
-/// `custom_mode` of our heartbeat while the autopilot or its IMU is silent.
-pub const CODE_SILENT: u32 = 6;
-
-/// `custom_mode` of our heartbeat in each mode; see also [`CODE_NO_AUTOPILOT`] and [`CODE_SILENT`].
-pub const fn mode_code(mode: Mode) -> u32 {
-    match mode {
-        Mode::Aligning => 1,
-        Mode::Aided => 2,
-        Mode::Holdover => 3,
-        Mode::Rejoining => 4,
-        Mode::Lost => 5,
-    }
-}
 
 /// The endpoints in the order of their links: the autopilot's, then those of sensors.
 pub fn endpoints(settings: &Settings) -> Vec<Endpoint> {
