@@ -22,7 +22,7 @@ pub fn decode(bytes: &[u8]) -> u64 {
             decoder.follow(vehicle);
         }
         inputs.clear();
-        decoder.decode(&frame, &mut inputs);
+        decoder.decode(&frame, None, &mut inputs);
         decoder.decode_sensor(&frame, &mut inputs);
         inputs.iter().for_each(check);
         frames += 1;

@@ -60,7 +60,7 @@ impl Run {
         let Some(bytes) = FrameBytes::new(bytes) else { return };
         let Some(frame) = bytes.frame().filter(|f| f.checksum_fits()) else { return };
         let (mut inputs, mut messages) = (Vec::new(), Vec::new());
-        self.decoder.decode(&frame, &mut inputs);
+        self.decoder.decode(&frame, None, &mut inputs);
         for input in &inputs {
             let solution = self.pipeline.take(self.decoder.clock(), input, &mut messages);
             match input {
