@@ -2,8 +2,8 @@
 //!
 //! Autopilots stamp with milliseconds since boot (32 bits, wrapping after 49.7 days), microseconds since boot, microseconds since
 //! 1970, and ArduPilot's OPTICAL_FLOW with *milliseconds* in a field called `time_usec`. A frame that is old, damaged or hostile
-//! must not move the axis; a reboot must. So a stamp is taken where it is near the newest and its arrival explains it ([`pace`]), and a jump is
-//! believed only once frames that come after each other, of several kinds, agree on it while the clock before is silent ([`rival`]). Where the
+//! must not move the axis; a reboot must. So a stamp is taken where it is near the newest and its arrival explains it (`pace`), and a jump is
+//! believed only once frames that come after each other, of several kinds, agree on it while the clock before is silent (`rival`). Where the
 //! arrival is known, the axis goes on over a reboot by the time that has passed.
 
 mod date;

@@ -1,9 +1,9 @@
 //! Which vehicle Holdover serves, and what it is.
 //!
-//! The vehicle is chosen by what no single packet can show ([`candidates`]): heartbeats that keep their rhythm, of an autopilot's component, and
+//! The vehicle is chosen by what no single packet can show (`candidates`): heartbeats that keep their rhythm, of an autopilot's component, and
 //! sensors that belong to it. It is kept: two vehicles on one radio must not be mixed in one filter. Only one that is silent, or never showed
 //! a sensor, gives way to another, and one that was heard with sensors only on the ground and after a minute. What it is (autopilot, type,
-//! armed) is believed to change when its heartbeats go on to say so ([`nature`]). Whatever else speaks is named by [`Sender`], and counted.
+//! armed) is believed to change when its heartbeats go on to say so (`nature`). Whatever else speaks is named by [`Sender`], and counted.
 
 mod candidates;
 mod nature;

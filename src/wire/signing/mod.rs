@@ -9,7 +9,7 @@
 //! - A stream that is new may not be more than a minute behind the newest stamp known here.
 //! - Our own stamp follows the companion's time of day and the newest stamp heard, and never comes twice.
 //!
-//! What is known of stamps is kept on disk ([`StampKeeper`]), so a replay is refused after a restart, too.
+//! What is known of stamps is kept on disk, so a replay is refused after a restart, too.
 //!
 //! The mavlink crate signs as well, but keeps its stamps in memory only, tells no reason, compares in variable time and leaves keys in
 //! memory; hence this.
