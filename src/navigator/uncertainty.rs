@@ -25,11 +25,17 @@ impl Core {
         }
     }
 
+    /// What a receiver may have led the position off by, an axis, m²: nothing, where landmarks tell it now.
+    fn unexplained_variance(&self, facts: &SourceFacts) -> f64 {
+        let on_landmarks = facts.landmark_fix.is_some() && self.dead_reckoning();
+        if on_landmarks { 0.0 } else { self.witnesses.unexplained.variance(self.stream.newest()) }
+    }
+
     /// Covariances of the published horizontal position and velocity, NE, m² and (m/s)².
     fn horizontal_covariances(&self, facts: &SourceFacts) -> (Matrix2<f64>, Matrix2<f64>) {
         // A receiver's error changes over minutes: no averaging takes it out, and it stays when the receiver goes.
-        let unexplained = self.witnesses.unexplained.variance(self.stream.newest());
-        let anchor = Matrix2::identity() * (self.anchor_sigma_m(facts).powi(2) + unexplained)
+        let anchor = Matrix2::identity()
+            * (self.anchor_sigma_m(facts).powi(2) + self.unexplained_variance(facts))
             + self.published.offset_covariance();
         let budget = self.outage.budget().zip(self.stream.newest());
         let by_budget = budget.map(|(b, now)| (b.position(has_magnetometer(facts, now)), b.velocity()));

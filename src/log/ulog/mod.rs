@@ -290,7 +290,7 @@ impl UlogPlay {
         let Some((topic, columns)) = &subscription.topic else { return };
         let Some(us) = data.first_chunk().map(|b| u64::from_le_bytes(*b)) else { return };
         let px4 = &mut self.px4;
-        let stale = us + (STALE.micros() as u64) < self.began_us;
+        let stale = us.saturating_add(STALE.micros() as u64) < self.began_us;
         let boot_us = if self.began_us < SINCE_1970_US { us } else { us.saturating_sub(self.began_us) };
         let time = match px4.intake.clock.newest() {
             _ if !stale => px4.intake.time(boot_us),
