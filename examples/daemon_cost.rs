@@ -19,6 +19,10 @@ use holdover::time::Stamp;
 use holdover::wire::companion_clock::CompanionClock;
 use holdover::wire::tlog::TlogReader;
 
+mod process;
+
+use process::{cpu_s, resident_mb};
+
 /// Measures what the daemon costs.
 #[derive(Parser)]
 struct Args {
@@ -120,19 +124,4 @@ fn measure(args: &Args, daemon: &Daemon, socket: &UdpSocket) -> Result<()> {
     println!("CPU:     {:.2} % of a core", 100.0 * cpu / elapsed);
     println!("memory:  {:.1} MB resident", resident_mb(daemon.0.id())?);
     Ok(())
-}
-
-/// User and system time so far, s. `/proc/PID/stat` counts in hundredths on every Linux there is.
-fn cpu_s(pid: u32) -> Result<f64> {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat"))?;
-    let (_, rest) = stat.rsplit_once(')').context("stat")?;
-    let ticks = |i: usize| -> Result<f64> { Ok(rest.split_whitespace().nth(i).context("stat")?.parse()?) };
-    Ok((ticks(11)? + ticks(12)?) / 100.0)
-}
-
-fn resident_mb(pid: u32) -> Result<f64> {
-    let status = fs::read_to_string(format!("/proc/{pid}/status"))?;
-    let line = status.lines().find(|l| l.starts_with("VmRSS:")).context("VmRSS")?;
-    let kb: f64 = line.split_whitespace().nth(1).context("VmRSS")?.parse()?;
-    Ok(kb / 1024.0)
 }

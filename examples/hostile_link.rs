@@ -31,6 +31,10 @@ use holdover::wire::session::outgoing::FrameWriter;
 use holdover::wire::tlog::TlogReader;
 use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
 
+mod process;
+
+use process::{cpu_s, resident_mb};
+
 /// Measures the daemon under attack.
 #[derive(Parser, Clone)]
 struct Args {
@@ -497,19 +501,4 @@ fn percentiles(values: &mut [f64]) -> String {
     let at =
         |p: f64| values.get(((values.len() as f64 - 1.0) * p).round() as usize).copied().unwrap_or(f64::NAN);
     format!("p50 {:.2}, p99 {:.2}, most {:.2}", at(0.5), at(0.99), at(1.0))
-}
-
-/// User and system time so far, s. `/proc/PID/stat` counts in hundredths on every Linux there is.
-fn cpu_s(pid: u32) -> Result<f64> {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat"))?;
-    let (_, rest) = stat.rsplit_once(')').context("stat")?;
-    let ticks = |i: usize| -> Result<f64> { Ok(rest.split_whitespace().nth(i).context("stat")?.parse()?) };
-    Ok((ticks(11)? + ticks(12)?) / 100.0)
-}
-
-fn resident_mb(pid: u32) -> Result<f64> {
-    let status = fs::read_to_string(format!("/proc/{pid}/status"))?;
-    let line = status.lines().find(|l| l.starts_with("VmRSS:")).context("VmRSS")?;
-    let kb: f64 = line.split_whitespace().nth(1).context("VmRSS")?.parse()?;
-    Ok(kb / 1024.0)
 }

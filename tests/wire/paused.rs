@@ -93,6 +93,19 @@ fn signal(holdover: &Holdover, name: &str) {
     assert!(status.success());
 }
 
+/// A socket, and what comes to it is heard.
+async fn hearing(ages: &Arc<Mutex<Ages>>) -> Arc<UdpSocket> {
+    let socket = Arc::new(UdpSocket::bind("127.0.0.1:0").await.unwrap());
+    let (ears, heard) = (Arc::clone(&socket), Arc::clone(ages));
+    tokio::spawn(async move {
+        let mut buffer = [0; 2000];
+        while let Ok(n) = ears.recv(&mut buffer).await {
+            heard.lock().unwrap().hears(&buffer[..n]);
+        }
+    });
+    socket
+}
+
 fn start(endpoint: &str) -> Holdover {
     Holdover::run(&["--endpoint", endpoint, "--deny-gnss", "80..400", "--set", STALE])
 }
@@ -102,14 +115,7 @@ async fn no_old_position_is_sent_after_a_pause_over_udp() {
     let (flight, ages) = (Flight::load(COPTER, 110.0), Arc::new(Mutex::new(Ages::default())));
     let mut holdover = start("udpin:127.0.0.1:0");
     let to: SocketAddr = holdover.address();
-    let socket = Arc::new(UdpSocket::bind("127.0.0.1:0").await.unwrap());
-    let (ears, heard) = (Arc::clone(&socket), Arc::clone(&ages));
-    tokio::spawn(async move {
-        let mut buffer = [0; 2000];
-        while let Ok(n) = ears.recv(&mut buffer).await {
-            heard.lock().unwrap().hears(&buffer[..n]);
-        }
-    });
+    let socket = hearing(&ages).await;
     let send = async |burst: &[u8]| {
         socket.send_to(burst, to).await.unwrap();
     };
@@ -159,14 +165,7 @@ async fn positions_that_stand_on_late_samples_are_not_sent_as_present() {
     let (flight, ages) = (Flight::load(COPTER, 110.0), Arc::new(Mutex::new(Ages::default())));
     let mut holdover = start("udpin:127.0.0.1:0");
     let to: SocketAddr = holdover.address();
-    let socket = Arc::new(UdpSocket::bind("127.0.0.1:0").await.unwrap());
-    let (ears, heard) = (Arc::clone(&socket), Arc::clone(&ages));
-    tokio::spawn(async move {
-        let mut buffer = [0; 2000];
-        while let Ok(n) = ears.recv(&mut buffer).await {
-            heard.lock().unwrap().hears(&buffer[..n]);
-        }
-    });
+    let socket = hearing(&ages).await;
     let send = async |burst: &[u8]| {
         ages.lock().unwrap().sends(burst);
         socket.send_to(burst, to).await.unwrap();

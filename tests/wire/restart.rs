@@ -27,17 +27,7 @@ struct Autopilot {
 impl Autopilot {
     async fn new(to: SocketAddr) -> Self {
         let socket = Arc::new(UdpSocket::bind("127.0.0.1:0").await.unwrap());
-        let heard = Heard::default();
-        let (listener, ear) = (Arc::clone(&socket), heard.clone());
-        tokio::spawn(async move {
-            let mut buffer = vec![0; 2000];
-            loop {
-                // Where nobody listens the system says so, and somebody may tomorrow.
-                if let Ok(n) = listener.recv(&mut buffer).await {
-                    ear.add(&buffer[..n]);
-                }
-            }
-        });
+        let heard = Heard::on(&socket);
         Self { socket, to, heard }
     }
 

@@ -36,17 +36,9 @@ pub(super) fn deframe(
     let mut done = 0;
     let rest = loop {
         let Some(rest) = datagram.get(done..).filter(|rest| !rest.is_empty()) else { return };
-        done += match judge(rest, done as u64, true, crc) {
-            Scan::Frame(frame) => {
-                each(Found::Frame(frame));
-                frame.len()
-            }
-            Scan::Unknown(frame) => {
-                each(Found::Unknown(frame));
-                frame.len()
-            }
-            Scan::Skip { .. } | Scan::Incomplete => break rest,
-        };
+        let Some((found, n)) = whole(&judge(rest, done as u64, true, crc)) else { break rest };
+        each(found);
+        done += n;
     };
     if may_search(rest.len()) {
         search(rest, done as u64, true, crc, each);
@@ -58,6 +50,15 @@ pub(super) fn deframe(
 /// What stands at the start of `bytes`, which begin at `at` in a run of bytes.
 fn judge<'a>(bytes: &'a [u8], at: u64, at_end: bool, crc: &mut RunningCrc) -> Scan<'a> {
     scan_by(bytes, at_end, |frame, extra| frame.agrees_with(crc, extra, bytes, at, 0))
+}
+
+/// The frame that was found there, and its length.
+fn whole<'a>(scan: &Scan<'a>) -> Option<(Found<'a>, usize)> {
+    match *scan {
+        Scan::Frame(frame) => Some((Found::Frame(frame), frame.len())),
+        Scan::Unknown(frame) => Some((Found::Unknown(frame), frame.len())),
+        Scan::Skip { .. } | Scan::Incomplete => None,
+    }
 }
 
 /// Calls `each` for everything in `bytes`, which begin at `at` in a run of bytes; returns how many are done with. With `at_end` that is
@@ -73,15 +74,13 @@ fn search(
 ) -> usize {
     let mut done = 0;
     while let Some(rest) = bytes.get(done..).filter(|rest| !rest.is_empty()) {
-        done += match judge(rest, at + done as u64, at_end, crc) {
-            Scan::Frame(frame) => {
-                each(Found::Frame(frame));
-                frame.len()
-            }
-            Scan::Unknown(frame) => {
-                each(Found::Unknown(frame));
-                frame.len()
-            }
+        let scan = judge(rest, at + done as u64, at_end, crc);
+        if let Some((found, n)) = whole(&scan) {
+            each(found);
+            done += n;
+            continue;
+        }
+        done += match scan {
             Scan::Skip { skip, cause } => {
                 let n = if cause == Cause::Garbage { skip as u64 } else { 1 };
                 each(Found::Reject { cause, n });
@@ -92,7 +91,7 @@ fn search(
                 each(Found::Reject { cause: Cause::Garbage, n: 1 });
                 1
             }
-            Scan::Incomplete => break,
+            _ => break,
         };
     }
     done

@@ -10,6 +10,7 @@ use holdover::time::AutopilotTime;
 use holdover::wire::frame::{Frame, Scan, scan};
 use holdover::wire::tlog::TlogReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
+use tokio::net::UdpSocket;
 use tokio::time::{Instant, sleep, sleep_until};
 
 /// Path of a recorded flight.
@@ -102,6 +103,22 @@ impl Flight {
 pub struct Heard(Arc<Mutex<Vec<u8>>>);
 
 impl Heard {
+    /// What comes to a socket from now on.
+    pub fn on(socket: &Arc<UdpSocket>) -> Self {
+        let heard = Self::default();
+        let (listener, ear) = (Arc::clone(socket), heard.clone());
+        tokio::spawn(async move {
+            let mut buffer = vec![0; 2000];
+            loop {
+                // Where nobody listens the system says so, and somebody may tomorrow.
+                if let Ok(n) = listener.recv(&mut buffer).await {
+                    ear.add(&buffer[..n]);
+                }
+            }
+        });
+        heard
+    }
+
     pub fn add(&self, bytes: &[u8]) {
         self.0.lock().unwrap().extend_from_slice(bytes);
     }
