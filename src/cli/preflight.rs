@@ -160,7 +160,7 @@ async fn converse(settings: &Settings, needs: &Needs, args: &PreflightArgs) -> R
                     break end.clone();
                 }
             }
-            Some(_) = links.events.recv() => {}
+            Some(event) = links.events.recv() => preflight.link_event(&event),
             frame = links.inbound.recv() => {
                 let Some(frame) = frame else { break PreflightEnd::FellSilent };
                 hear(&mut preflight, &mut transmitter, &frame, &clock);

@@ -83,6 +83,7 @@ pub fn link_config(settings: &Settings) -> LinkConfig {
         backoff_first: Duration::from_millis(l.reconnect_min_ms),
         backoff_cap: Duration::from_millis(l.reconnect_max_ms),
         system: settings.system,
+        component: settings.component,
         sensors_from: settings.endpoints.len(),
         ..LinkConfig::default()
     }
@@ -511,6 +512,11 @@ impl Daemon {
     fn link_event(&mut self, event: &LinkEvent) {
         let (link, kind) = (event.link, &event.kind);
         let told = self.retry_told.get_mut(link.0);
+        if let LinkEventKind::PeerPinned { shown: Some(shown), .. } = kind
+            && link.0 < self.sensors_from
+        {
+            self.session.heard_before(event.at, shown);
+        }
         match kind {
             LinkEventKind::Up { .. }
             | LinkEventKind::PeerPinned { .. }

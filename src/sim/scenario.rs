@@ -111,7 +111,8 @@ impl Scenario {
 
     /// Twelve minutes of manoeuvres with GNSS, then ten of circles of 350 m radius.
     pub fn circles() -> Self {
-        let plan = Self::manoeuvres().turn(8.0 * FULL, PENGUIN_MPS / 350.0, ROLL_S);
+        // As many as fill a day: a flight that is told to last for longer goes on in them.
+        let plan = Self::manoeuvres().turn(1200.0 * FULL, PENGUIN_MPS / 350.0, ROLL_S);
         Self::penguin("circles", plan)
     }
 

@@ -179,7 +179,9 @@ async fn udpin_answers_the_autopilot_and_a_stranger_cannot_steal_the_link() {
     let received = receive(&mut links).await;
     assert_eq!((received.link, received.bytes, received.known), (LINK, autopilot(), true));
     let pinned = event(&mut links, is_up).await;
-    assert_eq!(pinned, LinkEventKind::PeerPinned { peer: drone.local_addr().unwrap().to_string() });
+    let LinkEventKind::PeerPinned { peer, shown: Some(shown) } = pinned else { panic!("{pinned:?}") };
+    assert_eq!(peer, drone.local_addr().unwrap().to_string());
+    assert_eq!((shown.address.system.0, shown.address.component.0), (1, 1));
 
     // The stranger now says that it is an autopilot.
     for _ in 0..3 {

@@ -12,6 +12,7 @@ mod forged;
 mod hand_over;
 mod links;
 mod live;
+mod long_flight;
 mod paused;
 mod peers;
 mod restart;

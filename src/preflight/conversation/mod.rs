@@ -15,6 +15,7 @@ use crate::sample::{Input, SampleKind};
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::decode::Decoder;
 use crate::wire::frame::{ComponentId, Frame, SystemId};
+use crate::wire::link::{LinkEvent, LinkEventKind};
 use crate::wire::messages::from_any_component;
 use crate::wire::session::Address;
 use crate::wire::session::autopilot::{AutopilotSession, Reply, SessionPoll};
@@ -162,6 +163,13 @@ impl Preflight {
     /// The vehicle, once its autopilot was heard.
     pub fn vehicle(&self) -> Option<&Vehicle> {
         self.session.vehicle()
+    }
+
+    /// Something happened to a link: what it has heard of an autopilot counts.
+    pub fn link_event(&mut self, event: &LinkEvent) {
+        if let LinkEventKind::PeerPinned { shown: Some(shown), .. } = &event.kind {
+            self.session.heard_before(event.at, shown);
+        }
     }
 
     /// Whether the autopilot that is followed sent `frame`.

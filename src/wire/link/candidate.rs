@@ -12,7 +12,9 @@ use super::pin::PinPolicy;
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::frame::{ComponentId, Frame, SystemId};
 use crate::wire::messages::{Meaning, from_any_component, meaning_of};
+use crate::wire::session::Address;
 use crate::wire::session::heartbeat_fields::HeartbeatFields;
+use crate::wire::session::identity::AutopilotShown;
 
 /// Heartbeats that make a rate of them.
 const BEATS: u32 = 3;
@@ -40,7 +42,8 @@ impl Evidence {
         if policy.for_sensors {
             return from_any_component(id).then_some(Self::Measurement);
         }
-        if policy.system.is_some_and(|system| system != frame.system()) {
+        let other_system = policy.system.is_some_and(|system| system != frame.system());
+        if other_system || policy.component.is_some_and(|component| component != frame.component()) {
             return None;
         }
         if meaning_of(id) == Some(Meaning::Inertial) {
@@ -111,6 +114,8 @@ pub(super) struct PeerCandidate {
     heard: Occurrences,
     beats: Occurrences,
     measurements: Occurrences,
+    /// The autopilot whose heartbeat was heard first, alone.
+    shown: Option<AutopilotShown>,
     sequence: Sequence,
     /// Frames that go on with the clock of the peer before.
     going_on: u32,
@@ -126,6 +131,7 @@ impl PeerCandidate {
             heard: Occurrences::empty(now),
             beats: Occurrences::empty(now),
             measurements: Occurrences::empty(now),
+            shown: None,
             sequence: Sequence { sender, last, ran_on: 0, jumped: 0 },
             going_on: 0,
         }
@@ -140,6 +146,7 @@ impl PeerCandidate {
     ) {
         self.heard.note(now);
         self.sequence.note(frame);
+        self.show(frame, now);
         match evidence {
             Some(Evidence::Beat) => self.beats.note(now),
             Some(Evidence::Measurement) => self.measurements.note(now),
@@ -150,6 +157,26 @@ impl PeerCandidate {
             Some(false) => self.going_on = 0,
             None => {}
         }
+    }
+
+    fn show(&mut self, frame: &Frame<'_>, now: Stamp<Companion>) {
+        let address = Address { system: frame.system(), component: frame.component() };
+        let beat = HeartbeatFields::read(frame).filter(HeartbeatFields::is_autopilot);
+        match (&mut self.shown, beat) {
+            (None, Some(fields)) => self.shown = Some(AutopilotShown::new(now, address, fields)),
+            (Some(shown), Some(fields)) if shown.address == address => shown.beat(now, fields),
+            (Some(shown), None)
+                if shown.address == address && meaning_of(frame.message_id()) == Some(Meaning::Inertial) =>
+            {
+                shown.feel(now);
+            }
+            _ => {}
+        }
+    }
+
+    /// What was heard of its autopilot.
+    pub(super) fn shown(&self) -> Option<AutopilotShown> {
+        self.shown
     }
 
     pub(super) fn first_heard(&self) -> Stamp<Companion> {
@@ -197,7 +224,7 @@ impl PeerCandidate {
         (
             self.goes_on(),
             self.has_sensors(policy),
-            self.sequence.sender.1 == ComponentId::AUTOPILOT,
+            self.sequence.sender.1 == policy.component.unwrap_or(ComponentId::AUTOPILOT),
             self.sequence.runs_on(),
             Reverse(self.first_heard().micros()),
         )

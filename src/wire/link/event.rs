@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::LinkId;
 use crate::time::{Companion, Span, Stamp};
+use crate::wire::session::identity::AutopilotShown;
 
 /// Something happened to a link.
 #[derive(Clone, PartialEq, Debug)]
@@ -41,6 +42,8 @@ pub enum LinkEventKind {
     PeerPinned {
         /// Its address.
         peer: String,
+        /// What was heard of its autopilot meanwhile.
+        shown: Option<Box<AutopilotShown>>,
     },
     /// When a peer was pinned, others looked like autopilots, too.
     RivalsHeard {
@@ -92,7 +95,7 @@ impl fmt::Display for LinkEventKind {
             Self::Up { peer } => write!(f, "up, to {peer}"),
             Self::Down { reason } => write!(f, "down: {reason}"),
             Self::Retry { reason, after } => write!(f, "cannot be opened ({reason}), again in {after:?}"),
-            Self::PeerPinned { peer } => {
+            Self::PeerPinned { peer, .. } => {
                 write!(f, "an autopilot was heard at {peer}, and nobody else is answered")
             }
             Self::RivalsHeard { peer, rivals } => write!(

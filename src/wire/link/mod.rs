@@ -44,7 +44,7 @@ pub use stats::{Excess, LinkState, LinkStats, SourceStats};
 
 use super::companion_clock::CompanionClock;
 use super::endpoint::Endpoint;
-use super::frame::{Frame, SystemId};
+use super::frame::{ComponentId, Frame, SystemId};
 use super::frame_bytes::FrameBytes;
 use super::signing::{SigningCounts, SigningGate};
 use crate::time::{Companion, Stamp};
@@ -111,6 +111,8 @@ pub struct LinkConfig {
     pub backoff_cap: Duration,
     /// Only an autopilot of this system can pin a UDP peer; `None` allows any.
     pub system: Option<SystemId>,
+    /// Only an autopilot of this component can; `None` allows any.
+    pub component: Option<ComponentId>,
     /// The links from this number on are for sensors: whoever sends a measurement there pins its UDP peer.
     pub sensors_from: usize,
     /// What every frame passes, in and out.
@@ -150,6 +152,7 @@ impl Default for LinkConfig {
             backoff_first: Duration::from_millis(100),
             backoff_cap: Duration::from_secs(5),
             system: None,
+            component: None,
             sensors_from: usize::MAX,
             signing: Arc::default(),
         }

@@ -16,6 +16,7 @@ use super::boot_clock::BootClock;
 use super::candidate::{Evidence, PeerCandidate};
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::frame::{ComponentId, Frame, SystemId};
+use crate::wire::session::identity::AutopilotShown;
 
 /// A peer that said nothing for so long may have gone: others are looked at.
 const QUIET: Span = Span::from_millis(150);
@@ -31,6 +32,8 @@ const MAX_CANDIDATES: usize = 256;
 pub(super) struct PinPolicy {
     /// Only an autopilot of this system is answered.
     pub(super) system: Option<SystemId>,
+    /// Only an autopilot of this component is answered.
+    pub(super) component: Option<ComponentId>,
     /// Measurements are asked for, and no heartbeats.
     pub(super) for_sensors: bool,
     /// How long an autopilot's heartbeats must come.
@@ -63,8 +66,8 @@ pub(super) enum Regard {
 /// What becomes of the pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum PinChange {
-    /// `peer` is pinned; so many others looked like autopilots, too.
-    Pinned { peer: SocketAddr, rivals: usize },
+    /// `peer` is pinned; so many others looked like autopilots, too. What was heard of its autopilot.
+    Pinned { peer: SocketAddr, rivals: usize, shown: Option<AutopilotShown> },
     /// The autopilot is heard from another address, by its clock: the pin goes there.
     Followed { from: SocketAddr, to: SocketAddr },
     /// The pin goes to another, as the one before was silent, or without IMU messages, for so long.
@@ -189,7 +192,7 @@ impl Pin {
             return None;
         }
         self.pin(best, now);
-        Some(PinChange::Pinned { peer: best.peer, rivals })
+        Some(PinChange::Pinned { peer: best.peer, rivals, shown: best.shown() })
     }
 
     fn best(&self, may: impl Fn(&PeerCandidate) -> bool) -> Option<PeerCandidate> {
@@ -223,10 +226,12 @@ mod tests {
 
     use super::*;
     use crate::wire::session::Address;
+    use crate::wire::session::identity::{Identity, IdentityConfig, IdentityEvent};
     use crate::wire::session::outgoing::FrameWriter;
 
     const POLICY: PinPolicy = PinPolicy {
         system: None,
+        component: None,
         for_sensors: false,
         confirm: Span::from_millis(2000),
         silence: Span::from_millis(5000),
@@ -238,6 +243,26 @@ mod tests {
 
     fn at(ms: i64) -> Stamp<Companion> {
         Stamp::from_micros(ms * 1000)
+    }
+
+    const BEAT: fn() -> MavMessage = || {
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: 0,
+            mavtype: MavType::MAV_TYPE_QUADROTOR,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
+            base_mode: MavModeFlag::empty(),
+            system_status: MavState::MAV_STATE_ACTIVE,
+            mavlink_version: 3,
+        })
+    };
+    const IMU: fn() -> MavMessage = || MavMessage::RAW_IMU(RAW_IMU_DATA::default());
+
+    /// Who was pinned, and beside how many others.
+    fn pinned(change: Option<PinChange>) -> Option<(SocketAddr, usize)> {
+        match change {
+            Some(PinChange::Pinned { peer, rivals, shown: Some(_) }) => Some((peer, rivals)),
+            _ => None,
+        }
     }
 
     /// Something that sends, with sequence numbers of its own.
@@ -265,15 +290,7 @@ mod tests {
         }
 
         fn beat(&mut self, pin: &mut Pin, ms: i64) -> Option<PinChange> {
-            let beat = HEARTBEAT_DATA {
-                custom_mode: 0,
-                mavtype: MavType::MAV_TYPE_QUADROTOR,
-                autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
-                base_mode: MavModeFlag::empty(),
-                system_status: MavState::MAV_STATE_ACTIVE,
-                mavlink_version: 3,
-            };
-            self.send(pin, ms, &MavMessage::HEARTBEAT(beat))
+            self.send(pin, ms, &BEAT())
         }
 
         fn imu(&mut self, pin: &mut Pin, ms: i64) -> Option<PinChange> {
@@ -310,15 +327,54 @@ mod tests {
         assert_eq!(pin.decide(at(4000), false), None);
         let mut vehicle = Sender::new(addr(1, 2), 1, 0);
         assert_eq!([8000, 9000].map(|ms| vehicle.beat(&mut pin, ms)), [None; 2]);
-        let pinned = PinChange::Pinned { peer: addr(1, 2), rivals: 0 };
-        assert_eq!(vehicle.beat(&mut pin, 9990), Some(pinned));
+        assert_eq!(pinned(vehicle.beat(&mut pin, 9990)), Some((addr(1, 2), 0)));
     }
 
     #[test]
     fn with_an_imu_a_peer_is_pinned_within_half_a_second() {
         let mut pin = Pin::new(POLICY);
         let change = Sender::new(addr(1, 1), 1, 0).fly(&mut pin, 0, 5000);
-        assert_eq!(change, Some((500, PinChange::Pinned { peer: addr(1, 1), rivals: 0 })));
+        let (when, change) = change.unzip();
+        assert_eq!((when, pinned(change)), (Some(500), Some((addr(1, 1), 0))));
+    }
+
+    /// When an identity that goes on from what the link has heard follows the sender, ms.
+    fn followed(imu: bool) -> Option<i64> {
+        let mut pin = Pin::new(POLICY);
+        let mut vehicle = Sender::new(addr(1, 1), 1, 0);
+        let mut identity = Identity::new(IdentityConfig::default());
+        let mut up = false;
+        (0..20_000).step_by(20).find(|&ms| {
+            let mut change = (ms % 1000 == 0).then(|| vehicle.beat(&mut pin, ms)).flatten();
+            if imu {
+                change = change.or(vehicle.imu(&mut pin, ms));
+            }
+            if let Some(PinChange::Pinned { shown: Some(shown), .. }) = &change {
+                identity.heard_before(at(ms), shown);
+                up = true;
+            }
+            // What the link passes on once it is up.
+            let heard = [(ms % 1000 == 0).then_some(BEAT), imu.then_some(IMU)];
+            up && heard.iter().flatten().any(|message| {
+                let frame = vehicle.writer.write(&message()).unwrap();
+                matches!(identity.hear(at(ms), &frame.frame().unwrap()).1, Some(IdentityEvent::Found(_)))
+            })
+        })
+    }
+
+    #[test]
+    fn what_the_link_has_heard_is_not_waited_for_again() {
+        // The third heartbeat, and the second where there is an IMU.
+        assert_eq!([false, true].map(followed), [Some(2000), Some(1000)]);
+    }
+
+    #[test]
+    fn another_component_than_the_configured_one_is_not_answered() {
+        let mut pin = Pin::new(PinPolicy { component: Some(ComponentId(1)), ..POLICY });
+        let mut other = Sender::new(addr(1, 66), 77, 0);
+        assert_eq!(other.fly(&mut pin, 0, 10_000), None);
+        let (_, change) = Sender::new(addr(1, 1), 1, 0).fly(&mut pin, 10_000, 15_000).unzip();
+        assert_eq!(pinned(change), Some((addr(1, 1), 0)));
     }
 
     #[test]
@@ -335,7 +391,7 @@ mod tests {
                 change = vehicle.fly(&mut pin, ms, ms + 20).map(|(_, change)| change);
             }
         }
-        assert_eq!(change, Some(PinChange::Pinned { peer: addr(1, 1), rivals: 1 }));
+        assert_eq!(pinned(change), Some((addr(1, 1), 1)));
     }
 
     #[test]

@@ -311,6 +311,7 @@ impl Shared {
     pub(super) fn pin_policy(&self) -> PinPolicy {
         PinPolicy {
             system: self.config.system,
+            component: self.config.component,
             for_sensors: self.is_for_sensors(),
             confirm: span(self.config.peer_confirm),
             silence: span(self.config.peer_silence),

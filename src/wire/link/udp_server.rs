@@ -258,8 +258,9 @@ impl<'a> UdpListener<'a> {
         let now = self.shared.now();
         let Some(change) = self.pin().decide(now, self.shared.is_held()) else { return };
         let peer = match change {
-            PinChange::Pinned { peer, rivals } => {
-                self.shared.up(peer.to_string(), |peer| LinkEventKind::PeerPinned { peer });
+            PinChange::Pinned { peer, rivals, shown } => {
+                let shown = shown.map(Box::new);
+                self.shared.up(peer.to_string(), |peer| LinkEventKind::PeerPinned { peer, shown });
                 if rivals > 0 {
                     self.shared.emit(LinkEventKind::RivalsHeard { peer: peer.to_string(), rivals });
                 }

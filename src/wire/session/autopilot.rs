@@ -5,7 +5,7 @@ use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage, TIMESYNC_DA
 
 use super::Address;
 use super::hand_over::{HandOver, HandOverNews, Situation};
-use super::identity::{Identity, IdentityConfig, IdentityEvent, Sender, Vehicle};
+use super::identity::{AutopilotShown, Identity, IdentityConfig, IdentityEvent, Sender, Vehicle};
 use super::origin_offer::OriginOffer;
 use super::requests::{Refusal, StreamRequests, StreamSettings};
 use super::source_switch::SwitchSettings;
@@ -71,6 +71,11 @@ impl AutopilotSession {
     /// This system was served a moment ago, by a process before.
     pub fn expect(&mut self, system: SystemId) {
         self.identity.expect(system);
+    }
+
+    /// A link has heard this of an autopilot before it passed anything on.
+    pub fn heard_before(&mut self, now: Stamp<Companion>, shown: &AutopilotShown) {
+        self.identity.heard_before(now, shown);
     }
 
     /// The vehicle, once its autopilot was chosen; also while it is lost.

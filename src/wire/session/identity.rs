@@ -7,6 +7,7 @@
 
 mod candidates;
 mod nature;
+mod shown;
 
 use std::fmt;
 
@@ -19,6 +20,7 @@ use crate::time::{Companion, Span, Stamp};
 use crate::wire::frame::{ComponentId, Frame, SystemId};
 use candidates::{AutopilotCandidate, Candidates};
 pub(crate) use nature::{Nature, NatureWord};
+pub use shown::AutopilotShown;
 
 /// The autopilots whose ways Holdover knows.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -291,12 +293,19 @@ impl Identity {
 
     /// Of a log that has ended: who would have been chosen next, however little was heard of it.
     pub fn likeliest(&self) -> Option<Vehicle> {
-        self.vehicle().copied().or_else(|| self.candidates.likeliest().map(|c| vehicle_of(&c)))
+        self.vehicle().copied().or_else(|| self.candidates.likeliest().map(|c| vehicle_of(&c.shown)))
     }
 
     /// This system was served a moment ago, by a process before: its autopilot need not prove itself again.
     pub fn expect(&mut self, system: SystemId) {
         self.candidates.expect(system);
+    }
+
+    /// A link has heard this of an autopilot before it passed anything on.
+    pub fn heard_before(&mut self, now: Stamp<Companion>, shown: &AutopilotShown) {
+        if self.pinned.is_none() {
+            self.candidates.heard_before(now, shown);
+        }
     }
 
     /// The autopilot's clock began anew: it may have been given other firmware.
@@ -340,7 +349,7 @@ impl Identity {
     /// Whether `from`, of whom there is a frame, is chosen now, or instead of who was.
     fn choose(&mut self, now: Stamp<Companion>, from: Address) -> Option<IdentityEvent> {
         let current = self.pinned.as_ref().map(|p| p.vehicle.address());
-        let best = self.candidates.best(now, current).filter(|best| best.address == from)?;
+        let best = self.candidates.best(now, current).filter(|best| best.shown.address == from)?;
         let Some(pinned) = &self.pinned else {
             let pinned = Pinned::new(now, &best);
             let event = IdentityEvent::Found(pinned.vehicle);
@@ -363,7 +372,7 @@ impl Identity {
         let silent = now - pinned.heard;
         if pinned.proven {
             // In flight nobody else is believed to be the vehicle, however long it is silent.
-            return silent >= GIVEN_UP && !pinned.vehicle.armed && other.shows_sensors(now);
+            return silent >= GIVEN_UP && !pinned.vehicle.armed && other.shown.shows_sensors(now);
         }
         let patience = Span::from_micros(SENSORLESS.micros() << self.replaced.min(4));
         silent >= self.config.lost_after || now - pinned.since >= patience
@@ -397,13 +406,13 @@ impl Identity {
 }
 
 /// What a candidate's heartbeats say.
-fn vehicle_of(candidate: &AutopilotCandidate) -> Vehicle {
+fn vehicle_of(shown: &AutopilotShown) -> Vehicle {
     Vehicle {
-        system: candidate.address.system,
-        component: candidate.address.component,
-        autopilot: AutopilotKind::from_wire(candidate.fields.autopilot),
-        vehicle_type: candidate.fields.vehicle_type,
-        armed: candidate.fields.armed(),
+        system: shown.address.system,
+        component: shown.address.component,
+        autopilot: AutopilotKind::from_wire(shown.fields.autopilot),
+        vehicle_type: shown.fields.vehicle_type,
+        armed: shown.fields.armed(),
         version: None,
     }
 }
@@ -411,14 +420,14 @@ fn vehicle_of(candidate: &AutopilotCandidate) -> Vehicle {
 impl Pinned {
     fn new(now: Stamp<Companion>, candidate: &AutopilotCandidate) -> Self {
         Self {
-            vehicle: vehicle_of(candidate),
+            vehicle: vehicle_of(&candidate.shown),
             nature: Nature::default(),
             since: now,
             heartbeat: now,
             heard: now,
             lost: false,
             missing_told: false,
-            proven: candidate.shows_sensors(now),
+            proven: candidate.shown.shows_sensors(now),
             question: VersionQuestion::Open { asked: 0, due: now },
             contradicted: Contradicted::default(),
         }

@@ -85,6 +85,29 @@ fn a_rhythm_is_waited_for_and_others_are_counted() {
 }
 
 #[test]
+fn what_a_link_has_heard_counts_for_nobody_else_and_not_for_ever() {
+    let real = heartbeat_frame(1, 1, 2, 3, 0);
+    let address = Address { system: SystemId(1), component: ComponentId(1) };
+    let fields = HeartbeatFields::read(&real.frame().unwrap()).unwrap();
+    let mut shown = AutopilotShown::new(at(0), address, fields);
+    shown.beat(at(1000), fields);
+    let after = |ms: i64, bytes: &FrameBytes| {
+        let mut identity = Identity::new(IdentityConfig::default());
+        identity.heard_before(at(1000), &shown);
+        hear(&mut identity, ms, bytes);
+        following(&identity)
+    };
+    assert_eq!(after(1100, &real), Some((1, 1)));
+    assert_eq!(after(1100, &heartbeat_frame(9, 1, 2, 3, 0)), None);
+    assert_eq!(after(4000, &real), None, "the rhythm begins anew");
+    // Another system is configured.
+    let config = IdentityConfig { system: Some(SystemId(5)), ..IdentityConfig::default() };
+    let mut identity = Identity::new(config);
+    identity.heard_before(at(1000), &shown);
+    assert_eq!(hear(&mut identity, 1100, &real), (Sender::WrongSystem, None));
+}
+
+#[test]
 fn a_configured_system_is_waited_for() {
     let config = IdentityConfig { system: Some(SystemId(5)), ..IdentityConfig::default() };
     let mut identity = Identity::new(config);
