@@ -9,7 +9,7 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
 use crate::config::{Origin, Settings};
-use crate::daemon::{CODE_NO_AUTOPILOT, link_config};
+use crate::daemon::{CODE_NO_AUTOPILOT, endpoints, link_config};
 use crate::preflight::conversation::{Preflight, PreflightEnd, PreflightReport, WrittenParameter};
 use crate::preflight::finding::{Finding, FindingGrade, plain};
 use crate::preflight::outlook::outlook;
@@ -129,8 +129,8 @@ fn several(vehicles: &[u8]) -> String {
 async fn converse(settings: &Settings, needs: &Needs, args: &PreflightArgs) -> Result<PreflightEnd, Failure> {
     let (clock, close) = (CompanionClock::new(), CancellationToken::new());
     let states = settings.state.make(|name| std::env::var(name).ok()).ok().flatten();
-    let signing =
-        Signing::beside(&settings.signing, states.as_deref()).map_err(|e| Failure::Usage(e.to_string()))?;
+    let signing = Signing::beside(&settings.signing, states.as_deref(), endpoints(settings).len())
+        .map_err(|e| Failure::Usage(e.to_string()))?;
     if let Some(told) = &signing.told {
         eprintln!("holdover: {told}");
     }

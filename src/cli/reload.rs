@@ -52,7 +52,7 @@ impl Reload {
             }
         }
         if changes == 0 {
-            tracing::warn!("the configuration was read again: nothing has changed");
+            tracing::info!("the configuration was read again: nothing has changed");
         }
     }
 }

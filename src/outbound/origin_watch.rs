@@ -4,8 +4,9 @@
 //! nothing speaks against it, on the ground or before any was told, and where it moves by no more than the uncertainty. In flight the autopilot's own
 //! positions have to move with it: its place in its frame, LOCAL_POSITION_NED, taken from its place on Earth, which is what it tells itself
 //! (GLOBAL_POSITION_INT) or, where it does not, our solution, is where its frame begins. An autopilot that sets its origin anew tells another
-//! local position from that moment on, and within a second its origin is taken. Until then the one before is used. An autopilot that tells no
-//! position is believed when it goes on to tell the same origin for seconds.
+//! local position from that moment on, and within a second its origin is taken. Until then the one before is used. Where no position comes, nothing else
+//! depends on the origin, and telling it again is no evidence: one that moves in flight is not used before the vehicle is disarmed. The first of all is,
+//! when it is told for seconds, since without any there is no frame to share.
 
 use nalgebra::Vector3;
 
@@ -159,10 +160,14 @@ impl OriginWatch {
         let waiting = self.waiting.insert(self.waiting.filter(same).unwrap_or(new));
         waiting.told += 1;
         let lasts = waiting.told >= TOLD && now.seconds_since(waiting.since) >= TOLD_S;
-        if lasts && self.own.fresh(now).is_none() && self.ours.fresh(now).is_none() {
-            return Some(self.take(origin, Some((&frame.to_ned(origin), false))));
+        if !lasts || self.own.fresh(now).is_some() || self.ours.fresh(now).is_some() {
+            return None;
         }
-        None
+        let moved_ned = frame.to_ned(origin);
+        if self.anchor.is_some() {
+            return self.contradict(now, moved_ned.norm());
+        }
+        Some(self.take(origin, Some((&moved_ned, true))))
     }
 
     /// The autopilot's own estimate; `solution` is ours.

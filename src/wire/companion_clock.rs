@@ -4,7 +4,9 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use nix::time::{ClockId, clock_gettime};
 
 use crate::time::{Companion, Span, Stamp};
 
@@ -16,15 +18,15 @@ pub struct CompanionClock {
 
 #[derive(Clone, Debug)]
 enum Source {
-    Monotonic { zero: Instant },
+    SinceBoot { zero_us: i64 },
     Manual { micros: Arc<AtomicI64> },
 }
 
 impl CompanionClock {
-    /// The operating system's monotonic clock; its zero is now.
-    #[allow(clippy::disallowed_methods, reason = "the one place where the monotonic clock is read")]
+    /// The operating system's clock since boot, which never runs back and goes on while the computer is suspended: what was read before is old
+    /// after it. Its zero is now.
     pub fn new() -> Self {
-        Self { source: Source::Monotonic { zero: Instant::now() } }
+        Self { source: Source::SinceBoot { zero_us: since_boot_us() } }
     }
 
     /// A clock that stands still until [`CompanionClock::advance`] moves it, for tests.
@@ -33,13 +35,9 @@ impl CompanionClock {
     }
 
     /// The time now.
-    #[allow(clippy::disallowed_methods, reason = "the one place where the monotonic clock is read")]
     pub fn now(&self) -> Stamp<Companion> {
         match &self.source {
-            Source::Monotonic { zero } => {
-                let elapsed = Instant::now().saturating_duration_since(*zero);
-                Stamp::from_micros(i64::try_from(elapsed.as_micros()).unwrap_or(i64::MAX))
-            }
+            Source::SinceBoot { zero_us } => Stamp::from_micros(since_boot_us() - zero_us),
             Source::Manual { micros } => Stamp::from_micros(micros.load(Ordering::Acquire)),
         }
     }
@@ -49,7 +47,7 @@ impl CompanionClock {
     #[allow(clippy::disallowed_methods, reason = "the one place where the time of day is read")]
     pub fn unix_us(&self) -> i64 {
         match &self.source {
-            Source::Monotonic { .. } => {
+            Source::SinceBoot { .. } => {
                 let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
                 i64::try_from(since.as_micros()).unwrap_or(i64::MAX)
             }
@@ -57,12 +55,17 @@ impl CompanionClock {
         }
     }
 
-    /// Moves a manual clock, and all its clones, by `span`. The monotonic clock cannot be moved and ignores this.
+    /// Moves a manual clock, and all its clones, by `span`. The clock since boot cannot be moved and ignores this.
     pub fn advance(&self, span: Span) {
         if let Source::Manual { micros } = &self.source {
             micros.fetch_add(span.micros(), Ordering::AcqRel);
         }
     }
+}
+
+/// Every Linux that Rust runs on has this clock.
+fn since_boot_us() -> i64 {
+    clock_gettime(ClockId::CLOCK_BOOTTIME).map_or(0, |t| t.tv_sec() * 1_000_000 + t.tv_nsec() / 1000)
 }
 
 impl Default for CompanionClock {
@@ -76,13 +79,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_monotonic_clock_starts_near_zero_and_never_runs_back() {
+    fn the_clock_since_boot_starts_near_zero_and_never_runs_back() {
         let clock = CompanionClock::new();
         let readings: Vec<_> = (0..1000).map(|_| clock.now()).collect();
         assert!(readings[0].micros() < 1_000_000);
         assert!(readings.is_sorted());
         clock.advance(Span::from_seconds(-100.0));
         assert!(clock.now() >= readings[999]);
+    }
+
+    #[test]
+    fn it_goes_on_with_the_computers_time_since_boot() {
+        let uptime = || {
+            let text = std::fs::read_to_string("/proc/uptime").unwrap();
+            (text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e6) as i64
+        };
+        // Both of them count what was suspended; the system's other clock does not.
+        let (before, clock) = (uptime(), CompanionClock::new());
+        let Source::SinceBoot { zero_us } = clock.source else { panic!("{clock:?}") };
+        assert!((before - 20_000..=uptime() + 20_000).contains(&zero_us));
     }
 
     #[test]

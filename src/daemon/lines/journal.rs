@@ -4,29 +4,30 @@ use std::fs::File;
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
 
 use tracing::Level;
 
 /// Where the journal listens.
-const SOCKET: &str = "/run/systemd/journal/socket";
+pub(super) const SOCKET: &str = "/run/systemd/journal/socket";
 
 /// A way to the journal. One that is restarted listens at the same place again.
 #[derive(Debug)]
 pub(super) struct Journal {
     socket: UnixDatagram,
+    at: PathBuf,
 }
 
 impl Journal {
-    /// Errors when there is no journal.
-    pub(super) fn open() -> io::Result<Self> {
-        let socket = UnixDatagram::unbound()?;
-        socket.connect(SOCKET)?;
-        Ok(Self { socket: UnixDatagram::unbound()? })
+    /// Errors when there is no journal at this place.
+    pub(super) fn open(at: &Path) -> io::Result<Self> {
+        UnixDatagram::unbound()?.connect(at)?;
+        Ok(Self { socket: UnixDatagram::unbound()?, at: at.to_owned() })
     }
 
     /// Writes one line.
     pub(super) fn write(&self, level: Level, text: &str) -> io::Result<()> {
-        self.socket.send_to(datagram(level, text).as_bytes(), SOCKET).map(drop)
+        self.socket.send_to(datagram(level, text).as_bytes(), &self.at).map(drop)
     }
 }
 
@@ -57,6 +58,33 @@ mod tests {
             datagram(Level::WARN, "no heartbeat"),
             "PRIORITY=4\nSYSLOG_IDENTIFIER=holdover\nMESSAGE=no heartbeat\n"
         );
+    }
+
+    #[test]
+    fn a_journal_is_written_to_that_is_restarted_meanwhile() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path().join("socket");
+        assert!(Journal::open(&at).is_err(), "there is none");
+        let listener = UnixDatagram::bind(&at).unwrap();
+        let journal = Journal::open(&at).unwrap();
+        let heard = |listener: &UnixDatagram| {
+            let mut buffer = [0; 65_536];
+            let n = listener.recv(&mut buffer).unwrap();
+            String::from_utf8(buffer[..n].to_vec()).unwrap()
+        };
+        journal.write(Level::ERROR, "autopilot silent for 3.0 s").unwrap();
+        let first = heard(&listener);
+        assert_eq!(first, "PRIORITY=3\nSYSLOG_IDENTIFIER=holdover\nMESSAGE=autopilot silent for 3.0 s\n");
+        // The longest line there is, of the longest characters.
+        let long = "\u{1F681}".repeat(super::super::layer::LONGEST);
+        journal.write(Level::INFO, &long).unwrap();
+        assert!(heard(&listener).ends_with(&format!("MESSAGE={long}\n")));
+        drop(listener);
+        assert!(journal.write(Level::INFO, "nobody listens").is_err());
+        std::fs::remove_file(&at).unwrap();
+        let listener = UnixDatagram::bind(&at).unwrap();
+        journal.write(Level::INFO, "again").unwrap();
+        assert!(heard(&listener).contains("MESSAGE=again\n"));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::fmt::{self, Write as _};
 use std::fs::File;
 use std::io::{self, IsTerminal};
 use std::os::fd::AsFd;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tracing::field::{Field, Visit};
@@ -14,7 +15,7 @@ use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, Registry, reload};
 
-use super::journal::{Journal, leads_to_journal};
+use super::journal::{Journal, SOCKET, leads_to_journal};
 use super::limit::LineLimit;
 use super::queue::{Line, LineQueue, Sink};
 use crate::config::{LogSettings, LogTo};
@@ -22,7 +23,7 @@ use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
 
 /// A line is cut after so many bytes.
-const LONGEST: usize = 2000;
+pub(super) const LONGEST: usize = 2000;
 
 /// Why there is no log.
 #[derive(Debug, thiserror::Error)]
@@ -72,10 +73,11 @@ fn sink(to: LogTo) -> Result<Sink, LinesError> {
     // Not by the library's handle: who waits for its lock would wait for as long as the line of another.
     let stream = File::from(io::stderr().as_fd().try_clone_to_owned()?);
     let told = std::env::var("JOURNAL_STREAM").ok();
+    let open = || Journal::open(Path::new(SOCKET));
     let journal = match to {
         LogTo::Stderr => None,
-        LogTo::Journal => Some(Journal::open().map_err(LinesError::NoJournal)?),
-        LogTo::Auto if leads_to_journal(&stream, told.as_deref()) => Journal::open().ok(),
+        LogTo::Journal => Some(open().map_err(LinesError::NoJournal)?),
+        LogTo::Auto if leads_to_journal(&stream, told.as_deref()) => open().ok(),
         LogTo::Auto => None,
     };
     Ok(match journal {

@@ -3,7 +3,8 @@
 //! A datagram carries the kernel's own stamp where the kernel gives one (SO_TIMESTAMPNS). It is of the time of day, which may be set, so
 //! only its age counts, and that has bounds: nothing lay in a socket before the socket was last found empty, and nothing arrives later than
 //! it is read. A stream of bytes has no such stamps. What is read from it arrived just now, unless the process has had a pause: what is read
-//! then may be as old as the pause, and is taken to be, until the stream had to be waited for.
+//! then may be as old as the pause, and is taken to be, until the stream had to be waited for. Datagrams that the kernel had no room for are told
+//! with the next one (SO_RXQ_OVFL).
 
 use std::io::{self, IoSliceMut};
 use std::net::{SocketAddr, SocketAddrV4, SocketAddrV6};
@@ -156,6 +157,8 @@ pub(super) struct Datagram {
     pub(super) len: usize,
     pub(super) from: Option<SocketAddr>,
     pub(super) arrived: Stamp<Companion>,
+    /// Datagrams before it that the kernel had no room for.
+    pub(super) dropped: u32,
 }
 
 /// Receives datagrams with the kernel's stamps.
@@ -165,6 +168,8 @@ pub(super) struct DatagramArrivals<'a> {
     socket: &'a UdpSocket,
     /// Where the kernel writes its stamps.
     ancillary: Vec<u8>,
+    /// What the kernel has dropped of the socket, as it has told.
+    dropped: u32,
     /// When the socket was last found empty.
     empty: Stamp<Companion>,
     backlog: Backlog,
@@ -176,11 +181,15 @@ impl<'a> DatagramArrivals<'a> {
         if let Err(e) = setsockopt(socket, sockopt::ReceiveTimestampns, &true) {
             tracing::debug!("datagrams are stamped when they are read: {e}");
         }
+        if let Err(e) = setsockopt(socket, sockopt::RxqOvfl, &1) {
+            tracing::debug!("datagrams that the kernel drops are not counted: {e}");
+        }
         let now = attendance.now();
         Self {
             attendance,
             socket,
-            ancillary: nix::cmsg_space!(TimeSpec),
+            ancillary: nix::cmsg_space!(TimeSpec, u32),
+            dropped: 0,
             empty: now,
             backlog: Backlog::new(now),
         }
@@ -193,7 +202,7 @@ impl<'a> DatagramArrivals<'a> {
     pub(super) async fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Datagram> {
         let (attendance, socket) = (self.attendance, self.socket);
         let (ancillary, empty) = (&mut self.ancillary, &mut self.empty);
-        let (len, from, stamp) = socket
+        let (len, from, told) = socket
             .async_io(Interest::READABLE | Interest::ERROR, || {
                 let received = receive(socket, buffer, ancillary);
                 if received.as_ref().is_err_and(|e| e.kind() == io::ErrorKind::WouldBlock) {
@@ -205,27 +214,39 @@ impl<'a> DatagramArrivals<'a> {
         let read = self.backlog.arrived(attendance);
         let now = attendance.now();
         let arrived =
-            stamp.map_or(read, |stamp| (now - attendance.age(stamp)).clamp(self.empty.min(now), now));
-        Ok(Datagram { len, from, arrived })
+            told.stamp.map_or(read, |stamp| (now - attendance.age(stamp)).clamp(self.empty.min(now), now));
+        // The number counts on from when the socket was opened, and begins again after 2³².
+        let before = told.dropped.map_or(self.dropped, |now| std::mem::replace(&mut self.dropped, now));
+        let dropped = self.dropped.wrapping_sub(before);
+        Ok(Datagram { len, from, arrived, dropped })
     }
 }
 
-/// One datagram: its length, its sender and the kernel's stamp.
+/// What the kernel says beside a datagram.
+#[derive(Clone, Copy, Debug, Default)]
+struct Told {
+    stamp: Option<TimeSpec>,
+    dropped: Option<u32>,
+}
+
+/// One datagram: its length, its sender and what the kernel says of it.
 fn receive(
     socket: &UdpSocket,
     buffer: &mut [u8],
     ancillary: &mut [u8],
-) -> io::Result<(usize, Option<SocketAddr>, Option<TimeSpec>)> {
+) -> io::Result<(usize, Option<SocketAddr>, Told)> {
     let mut slices = [IoSliceMut::new(buffer)];
     let flags = MsgFlags::MSG_DONTWAIT;
     let message = recvmsg::<SockaddrStorage>(socket.as_raw_fd(), &mut slices, Some(ancillary), flags)?;
-    let stamp = message.cmsgs().ok().and_then(|mut all| {
-        all.find_map(|c| match c {
-            ControlMessageOwned::ScmTimestampns(stamp) => Some(stamp),
-            _ => None,
-        })
-    });
-    Ok((message.bytes, message.address.as_ref().and_then(address), stamp))
+    let mut told = Told::default();
+    for c in message.cmsgs().into_iter().flatten() {
+        match c {
+            ControlMessageOwned::ScmTimestampns(stamp) => told.stamp = Some(stamp),
+            ControlMessageOwned::RxqOvfl(dropped) => told.dropped = Some(dropped),
+            _ => {}
+        }
+    }
+    Ok((message.bytes, message.address.as_ref().and_then(address), told))
 }
 
 fn address(storage: &SockaddrStorage) -> Option<SocketAddr> {
@@ -329,6 +350,34 @@ mod tests {
         sender.send_to(b"2", to).unwrap();
         let second = arrivals.receive(&mut buffer).await.unwrap();
         assert!(second.arrived >= empty && second.arrived <= clock.now(), "{second:?}");
+    }
+
+    #[tokio::test]
+    async fn what_the_kernel_drops_is_counted() {
+        let attendance = Attendance::new(CompanionClock::new());
+        let socket = UdpSocket::bind("127.0.0.1:0").await.unwrap();
+        setsockopt(&socket, sockopt::RcvBuf, &4096).unwrap();
+        let to = socket.local_addr().unwrap();
+        let mut arrivals = DatagramArrivals::new(&attendance, &socket);
+        let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        let mut buffer = [0; 2000];
+        let (mut came, mut dropped) = (0, 0);
+        // Nobody reads, then somebody does; what comes after tells what is missing.
+        for _ in 0..2 {
+            for _ in 0..100 {
+                sender.send_to(&[7; 1000], to).unwrap();
+            }
+            while let Ok(one) =
+                tokio::time::timeout(Duration::from_millis(200), arrivals.receive(&mut buffer)).await
+            {
+                came += 1;
+                dropped += one.unwrap().dropped;
+            }
+        }
+        sender.send_to(&[7; 10], to).unwrap();
+        let last = arrivals.receive(&mut buffer).await.unwrap();
+        assert!(came < 100, "{came}");
+        assert_eq!(came + dropped + last.dropped, 200);
     }
 
     #[test]

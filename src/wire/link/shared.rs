@@ -216,6 +216,15 @@ impl Shared {
         self.inner().stats.bytes_in += bytes as u64;
     }
 
+    /// The kernel dropped so many datagrams on a socket that was not read in time; on the peer's own, or on everybody's beside one.
+    pub(super) fn unread(&self, datagrams: u32, of_peer: bool) {
+        if datagrams > 0 {
+            let excess = &mut self.inner().stats.excess;
+            let count = if of_peer { &mut excess.unread } else { &mut excess.strangers_unread };
+            *count += u64::from(datagrams);
+        }
+    }
+
     /// Whether the autopilot on the link must not be mistaken for another now.
     pub(super) fn is_held(&self) -> bool {
         self.held.load(Ordering::Relaxed)
@@ -263,11 +272,25 @@ impl Shared {
 
     /// Whether a frame may decide who the peer is.
     pub(super) fn is_genuine(&self, frame: &Frame<'_>) -> bool {
-        self.config.signing.is_genuine(frame, self.is_for_sensors())
+        self.may_verify(frame) && self.config.signing.is_genuine(frame, self.is_for_sensors())
+    }
+
+    /// Whether one more signature may be looked at: each costs a hash, whoever has sent it.
+    fn may_verify(&self, frame: &Frame<'_>) -> bool {
+        if !frame.is_signed() || self.config.signing.key().is_none() {
+            return true;
+        }
+        let mut inner = self.inner();
+        let may = inner.throttle.may_verify(self.attendance.now());
+        inner.stats.excess.unverified += u64::from(!may);
+        may
     }
 
     /// Whether a frame's signature lets it in; one that is refused is counted.
     pub(super) fn admits(&self, frame: &Frame<'_>) -> bool {
+        if !self.may_verify(frame) {
+            return false;
+        }
         let verdict = self.config.signing.admit(frame, self.is_for_sensors(), self.attendance.unix_us());
         if let Err(cause) = verdict {
             self.inner().stats.rejects.count(cause);

@@ -81,6 +81,12 @@ pub struct Excess {
     pub unsearched_bytes: u64,
     /// Bytes in datagrams of others than the peer.
     pub stranger_bytes: u64,
+    /// Datagrams of the peer that the kernel dropped, as they were not read in time.
+    pub unread: u64,
+    /// Datagrams of whoever sends to the port that the kernel dropped while the peer had a socket of its own.
+    pub strangers_unread: u64,
+    /// Frames of which there were so many that their signatures were not looked at.
+    pub unverified: u64,
 }
 
 impl Excess {
@@ -89,6 +95,9 @@ impl Excess {
         self.frames += other.frames;
         self.unsearched_bytes += other.unsearched_bytes;
         self.stranger_bytes += other.stranger_bytes;
+        self.unread += other.unread;
+        self.strangers_unread += other.strangers_unread;
+        self.unverified += other.unverified;
     }
 }
 

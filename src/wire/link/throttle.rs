@@ -11,6 +11,10 @@ const OWN: usize = 8;
 /// What a bucket holds, as a share of what it gets a second: a process that was stopped for a while takes what has come meanwhile.
 const BURST: f64 = 0.1;
 
+/// Signatures that are looked at, 1/s: a hash of a microsecond each, so a tenth of a core at most. All links of today are a hundred times slower;
+/// fewer would help who drowns the real frames in forged ones.
+const SIGNATURES_PER_S: f64 = 100_000.0;
+
 /// The buckets of one link.
 #[derive(Debug)]
 pub(super) struct Throttle {
@@ -18,6 +22,7 @@ pub(super) struct Throttle {
     own: Vec<(SystemId, ComponentId, Bucket)>,
     others: Bucket,
     search: Bucket,
+    signatures: Bucket,
 }
 
 impl Throttle {
@@ -29,6 +34,7 @@ impl Throttle {
             own: Vec::with_capacity(OWN),
             others: frames,
             search: bucket(limits.search_bytes_per_s),
+            signatures: bucket(SIGNATURES_PER_S),
         }
     }
 
@@ -48,6 +54,11 @@ impl Throttle {
         let admitted = bucket.take(1, now);
         self.own.push((system, component, bucket));
         admitted
+    }
+
+    /// Whether one more signature is looked at.
+    pub(super) fn may_verify(&mut self, now: Stamp<Companion>) -> bool {
+        self.signatures.take(1, now)
     }
 
     /// Whether so many bytes are searched in which no frame stands where it should.
@@ -78,6 +89,13 @@ mod tests {
         }
         assert_eq!(admitted[1..], [100, 100]);
         assert!((1000..=1011).contains(&admitted[0]), "{admitted:?}");
+    }
+
+    #[test]
+    fn forged_signatures_cost_no_more_than_so_much() {
+        let mut throttle = Throttle::new(&LinkLimits::default());
+        let looked_at = (0..1_000_000).filter(|us| throttle.may_verify(Stamp::from_micros(*us))).count();
+        assert!((109_000..=110_001).contains(&looked_at), "{looked_at}");
     }
 
     #[test]

@@ -138,9 +138,10 @@ async fn receive_connected(socket: &UdpSocket, shared: &Shared) -> String {
     let mut arrivals = DatagramArrivals::new(shared.attendance(), socket);
     loop {
         match arrivals.receive(&mut buffer).await {
-            Ok(Datagram { len, arrived, .. }) => {
+            Ok(Datagram { len, arrived, dropped, .. }) => {
                 failures = 0;
                 shared.read(len);
+                shared.unread(dropped, true);
                 shared.datagram(buffer.get(..len).unwrap_or_default(), &mut crc, arrived, |_| {});
             }
             Err(error) => {

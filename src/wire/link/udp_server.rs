@@ -154,6 +154,7 @@ impl<'a> UdpListener<'a> {
                 };
                 match received {
                     Ok(datagram) => {
+                        self.shared.unread(datagram.dropped, true);
                         self.take(&buffer, datagram, &mut desk);
                         desk.rest(datagram.len).await;
                     }
@@ -202,6 +203,8 @@ impl<'a> UdpListener<'a> {
             match arrivals.receive(&mut buffer).await {
                 Ok(datagram) => {
                     failures = 0;
+                    // Without a line the door is the peer's, too.
+                    self.shared.unread(datagram.dropped, self.line.borrow().is_none());
                     self.take(&buffer, datagram, &mut desk);
                     desk.rest(datagram.len).await;
                 }
@@ -216,7 +219,7 @@ impl<'a> UdpListener<'a> {
 
     /// A datagram: judged by its source, then by its content.
     fn take(&self, buffer: &[u8], datagram: Datagram, desk: &mut Desk) {
-        let Datagram { len, from, arrived } = datagram;
+        let Datagram { len, from, arrived, .. } = datagram;
         self.shared.read(len);
         let Some(peer) = from else { return };
         let bytes = buffer.get(..len).unwrap_or_default();

@@ -1,7 +1,8 @@
 //! Reads an autopilot's parameters by name, and sets them.
 //!
 //! A few questions are under way at a time, each is asked again when no answer comes, and a limited number of times: links lose
-//! messages, and ArduPilot does not answer for a name that it does not know. PX4 does, with PARAM_ERROR. A parameter that was set is read
+//! messages, and ArduPilot does not answer for a name that it does not know. PX4 does, with PARAM_ERROR,
+//! which is believed when it answers two questions in a row: one may be somebody else's word. A parameter that was set is read
 //! back by a question of its own: what is echoed may be what was wished, not what is kept.
 
 use mavlink::MessageData;
@@ -58,6 +59,8 @@ struct ParameterQuestion {
     ask: Ask,
     asked: u8,
     due: Option<Stamp<Companion>>,
+    /// It was denied when it had been asked so often.
+    denied: Option<u8>,
     answer: ParameterAnswer,
 }
 
@@ -89,7 +92,7 @@ impl ParameterDialogue {
     fn question(&mut self, name: ParameterName, ask: Ask) {
         self.questions.retain(|q| q.name != name);
         let answer = ParameterAnswer::Open;
-        self.questions.push(ParameterQuestion { name, ask, asked: 0, due: None, answer });
+        self.questions.push(ParameterQuestion { name, ask, asked: 0, due: None, denied: None, answer });
     }
 
     /// Whether no answer is waited for.
@@ -118,7 +121,7 @@ impl ParameterDialogue {
         {
             self.answered += 1;
             if error.error == MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST {
-                self.close(name, ParameterAnswer::Unknown);
+                self.denied(name);
             }
         }
     }
@@ -129,14 +132,21 @@ impl ParameterDialogue {
         match question.ask {
             Ask::Read | Ask::ReadBack => question.answer = ParameterAnswer::Value(value),
             Ask::Set(_) => {
-                *question = ParameterQuestion { ask: Ask::ReadBack, asked: 0, due: None, ..*question }
+                *question =
+                    ParameterQuestion { ask: Ask::ReadBack, asked: 0, due: None, denied: None, ..*question }
             }
         }
     }
 
-    fn close(&mut self, name: ParameterName, answer: ParameterAnswer) {
-        for question in self.questions.iter_mut().filter(|q| q.name == name && q.asked > 0) {
-            question.answer = answer;
+    /// The autopilot says that there is no such parameter: it is asked once more.
+    fn denied(&mut self, name: ParameterName) {
+        let waits = |q: &&mut ParameterQuestion| q.name == name && q.answer == ParameterAnswer::Open;
+        for question in self.questions.iter_mut().filter(waits) {
+            match question.denied {
+                None if question.asked > 0 => (question.denied, question.due) = (Some(question.asked), None),
+                Some(then) if question.asked > then => question.answer = ParameterAnswer::Unknown,
+                _ => {}
+            }
         }
     }
 
@@ -261,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn an_autopilot_that_says_no_is_believed_at_once() {
+    fn an_autopilot_that_says_no_twice_is_believed() {
         let mut dialogue = dialogue(&["A"]);
         dialogue.poll(at(0));
         let error = PARAM_ERROR_DATA {
@@ -271,8 +281,17 @@ mod tests {
             param_id: "A".into(),
             error: MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST,
         };
-        dialogue.hear(&frame_of(1, 1, &MavMessage::PARAM_ERROR(error)).frame().unwrap());
+        let denied = frame_of(1, 1, &MavMessage::PARAM_ERROR(error));
+        // However often it is said to one question.
+        (0..20).for_each(|_| dialogue.hear(&denied.frame().unwrap()));
+        assert_eq!(answer(&dialogue, "A"), ParameterAnswer::Open);
+        assert_eq!(dialogue.poll(at(10)).len(), 1, "asked again at once");
+        let mut forged = dialogue.clone();
+        dialogue.hear(&denied.frame().unwrap());
         assert_eq!(answer(&dialogue, "A"), ParameterAnswer::Unknown);
+        // The autopilot's own answer is the value.
+        tell(&mut forged, "A", 3.0);
+        assert!(matches!(answer(&forged, "A"), ParameterAnswer::Value(_)));
     }
 
     #[test]

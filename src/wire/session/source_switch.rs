@@ -1,7 +1,7 @@
 //! Switching an ArduPilot's EKF source set over to our position, and back (MAV_CMD_SET_EKF_SOURCE_SET).
 //!
 //! ArduPilot does not change sources by itself: 15 s after GNSS is lost its EKF failsafe acts, while good ODOMETRY streams. So the command goes out
-//! at the decision, is acknowledged, asked for again where no answer comes, and what the EKF makes of it is watched: an EKF that has no position on
+//! at the decision, is acknowledged, asked for again where no answer comes (and once more where one comes, for anybody can say "accepted"), and what the EKF makes of it is watched: an EKF that has no position on
 //! the new set is switched back. After GNSS has been good for a while, and the autopilot's position is where ours is, the other set
 //! is commanded. What the pilot's switch has chosen meanwhile stands.
 //!
@@ -151,6 +151,16 @@ pub struct SourceSwitch {
     no_position: Option<Stamp<Companion>>,
     /// The pilot was told to switch back.
     back_told: bool,
+    /// A set whose acceptance was heard once: it is commanded once more, when this is due.
+    again: Option<AgainCommanded>,
+}
+
+/// A set is commanded once more, which changes nothing where it was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct AgainCommanded {
+    set: u8,
+    due: Stamp<Companion>,
+    sent: bool,
 }
 
 /// What was done in this outage.
@@ -189,6 +199,7 @@ impl SourceSwitch {
             good: None,
             no_position: None,
             back_told: false,
+            again: None,
         }
     }
 
@@ -199,22 +210,29 @@ impl SourceSwitch {
 
     /// The autopilot's answer to a command; the source set that is in force now, if it is one to ours.
     pub fn acknowledge(&mut self, ack: &COMMAND_ACK_DATA) -> Option<u8> {
-        let SwitchState::Asking { set, answer, .. } = &mut self.state else { return None };
         if ack.command != MavCmd::MAV_CMD_SET_EKF_SOURCE_SET
             || !self.us.is_meant_by(ack.target_system, ack.target_component)
         {
             return None;
         }
-        let taken = *set;
+        if let Some(again) = self.again.take_if(|again| again.sent && refuses(ack.result)) {
+            // It contradicts what was accepted in its name.
+            let answer = SwitchAnswer { refused: true, refusals: 1 };
+            self.state = SwitchState::Asking { set: again.set, asked: 1, sent: again.due, answer };
+            return None;
+        }
+        let SwitchState::Asking { set, answer, sent, .. } = &mut self.state else { return None };
+        let (taken, due) = (*set, *sent + ANSWER);
         match ack.result {
             MavResult::MAV_RESULT_ACCEPTED => {
                 let over = taken == self.settings.sets.external;
+                self.again = Some(AgainCommanded { set: taken, due, sent: false });
                 self.state = if over { SwitchState::Over } else { SwitchState::Done };
                 self.no_position = None;
                 Some(taken)
             }
             // It may be passing (a full queue): it is asked again.
-            MavResult::MAV_RESULT_TEMPORARILY_REJECTED | MavResult::MAV_RESULT_IN_PROGRESS => None,
+            result if !refuses(result) => None,
             // One answer to a command.
             _ if answer.refused => None,
             _ => {
@@ -227,6 +245,9 @@ impl SourceSwitch {
     /// Looks at the time and what is known.
     pub fn poll(&mut self, now: Stamp<Companion>, inputs: &SwitchInputs) -> SwitchPoll {
         self.note(now, inputs.mode);
+        if let Some(command) = self.command_again(now, inputs) {
+            return SwitchPoll { command: Some(command), news: None };
+        }
         match self.state {
             SwitchState::Asking { set, asked, sent, answer } => {
                 if set == self.settings.sets.external && inputs.quality.is_none() {
@@ -258,6 +279,19 @@ impl SourceSwitch {
                 self.remind(now, inputs)
             }
         }
+    }
+
+    /// The command that was accepted, once more; not where another set has been taken meanwhile.
+    fn command_again(&mut self, now: Stamp<Companion>, i: &SwitchInputs) -> Option<MavMessage> {
+        let asks = matches!(self.state, SwitchState::Asking { .. });
+        let again = self.again.as_mut().filter(|again| !again.sent && now >= again.due)?;
+        if asks || i.set.is_some_and(|set| set != again.set) {
+            self.again = None;
+            return None;
+        }
+        again.sent = true;
+        let set = f32::from(again.set);
+        Some(command_long(self.autopilot, MavCmd::MAV_CMD_SET_EKF_SOURCE_SET, set, 0.0))
     }
 
     /// An outage begins with Holdover, and ends with Aided.
@@ -360,6 +394,12 @@ impl SourceSwitch {
     }
 }
 
+/// Whether a command is refused for good.
+fn refuses(result: MavResult) -> bool {
+    use MavResult as R;
+    !matches!(result, R::MAV_RESULT_ACCEPTED | R::MAV_RESULT_TEMPORARILY_REJECTED | R::MAV_RESULT_IN_PROGRESS)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -436,12 +476,12 @@ mod tests {
         let (commands, _) = play(&mut s, (10_000, 10_100), &inputs(Mode::Holdover));
         assert_eq!(commands, [(10_000, 2)]);
         assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(2));
-        assert_eq!(play(&mut s, (10_100, 60_000), &on_ours(Mode::Holdover)), (vec![], vec![]));
+        assert_eq!(play(&mut s, (10_100, 60_000), &on_ours(Mode::Holdover)), (vec![(10_700, 2)], vec![]));
         assert_eq!(play(&mut s, (60_000, 70_000), &on_ours(Mode::Rejoining)), (vec![], vec![]));
         let (commands, _) = play(&mut s, (70_000, 75_100), &on_ours(Mode::Aided));
         assert_eq!(commands, [(75_000, 1)]);
         assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(1));
-        assert_eq!(play(&mut s, (75_100, 90_000), &inputs(Mode::Aided)), (vec![], vec![]));
+        assert_eq!(play(&mut s, (75_100, 90_000), &inputs(Mode::Aided)), (vec![(75_700, 1)], vec![]));
         let (commands, _) = play(&mut s, (90_000, 90_100), &inputs(Mode::Holdover));
         assert_eq!(commands, [(90_000, 2)], "the next outage");
     }
@@ -476,7 +516,23 @@ mod tests {
         play(&mut s, (0, 50), &inputs(Mode::Holdover));
         assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED)), None);
         assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(2));
-        assert_eq!(play(&mut s, (50, 30_000), &on_ours(Mode::Holdover)), (vec![], vec![]));
+        assert_eq!(play(&mut s, (50, 30_000), &on_ours(Mode::Holdover)), (vec![(700, 2)], vec![]));
+    }
+
+    #[test]
+    fn an_acceptance_in_its_name_is_found_out() {
+        // The autopilot refuses, or has not heard the command; somebody else has said that it accepts.
+        let mut s = switch(SwitchedBy::Holdover);
+        play(&mut s, (0, 50), &inputs(Mode::Holdover));
+        assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(2));
+        let (commands, _) = play(&mut s, (50, 750), &on_ours(Mode::Holdover));
+        assert_eq!(commands, [(700, 2)], "what was not heard is heard now");
+        let mut news = Vec::new();
+        for ms in [750, 1450, 2150] {
+            s.acknowledge(&ack(MavResult::MAV_RESULT_DENIED));
+            news.extend(play(&mut s, (ms, ms + 700), &on_ours(Mode::Holdover)).1);
+        }
+        assert_eq!(news, [SwitchNews::NotSwitched(2, WhyNot::Refused)]);
     }
 
     #[test]
@@ -512,9 +568,10 @@ mod tests {
         s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED));
         let lost = SwitchInputs { standing: StandsOn::Nothing, ..on_ours(Mode::Holdover) };
         let (commands, news) = play(&mut s, (50, 1500), &lost);
-        assert_eq!((commands, news), (vec![(1100, 1)], vec![SwitchNews::Reverted(1)]));
+        assert_eq!((commands, news), (vec![(700, 2), (1100, 1)], vec![SwitchNews::Reverted(1)]));
         assert_eq!(s.acknowledge(&ack(MavResult::MAV_RESULT_ACCEPTED)), Some(1));
-        assert_eq!(play(&mut s, (1500, 30_000), &inputs(Mode::Holdover)), (vec![], vec![]), "not again");
+        let (commands, news) = play(&mut s, (1500, 30_000), &inputs(Mode::Holdover));
+        assert_eq!((commands, news), (vec![(1800, 1)], vec![]), "the other not again");
     }
 
     #[test]
@@ -550,7 +607,7 @@ mod tests {
         let far = Departure { time: AutopilotTime::from_micros(0), horizontal_m: 43.0, allowed_m: 9.0 };
         let far = SwitchInputs { departure: Some(far), ..on_ours(Mode::Aided) };
         let (commands, _) = play(&mut s, (1000, 36_100), &far);
-        assert_eq!(commands, [(36_000, 1)]);
+        assert_eq!(commands, [(1000, 2), (36_000, 1)]);
     }
 
     #[test]

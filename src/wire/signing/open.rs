@@ -40,11 +40,18 @@ impl Signing {
         Ok(Self { gate, told, keeper: Some(keeper) })
     }
 
-    /// For a command of a minute beside a daemon: it goes on from the stamps, and leaves them to the daemon.
+    /// For a command of a minute beside a daemon with so many links: it goes on from the stamps, and leaves them to the daemon. Its link ids are the
+    /// next after the daemon's, so that the stamps of neither are those of the other's streams.
     ///
     /// # Errors
     /// [`SigningError::Key`].
-    pub fn beside(settings: &SigningSettings, states: Option<&Path>) -> Result<Self, SigningError> {
+    pub fn beside(
+        settings: &SigningSettings,
+        states: Option<&Path>,
+        links: usize,
+    ) -> Result<Self, SigningError> {
+        let link_id = settings.link_id.wrapping_add(links as u8);
+        let settings = &SigningSettings { link_id, ..settings.clone() };
         let Some((gate, place)) = gate(settings, states)? else { return Ok(Self::default()) };
         let told = StampKeeper::recall(&gate, &place).err();
         Ok(Self { gate, told, keeper: None })
