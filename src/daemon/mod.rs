@@ -10,6 +10,7 @@ mod imu_told;
 mod keeping;
 mod lateness;
 pub mod lines;
+mod opening;
 mod severity;
 mod summary;
 mod watch;
@@ -35,9 +36,8 @@ use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
 use crate::wire::decode::Decoder;
 use crate::wire::encode::encode;
-use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::{Frame, SystemId};
-use crate::wire::link::{Excess, LinkConfig, LinkEvent, LinkEventKind, Links, ReceivedFrame};
+use crate::wire::link::{Excess, LinkEvent, LinkEventKind, Links, ReceivedFrame};
 use crate::wire::messages::from_any_component;
 use crate::wire::session::autopilot::AutopilotSession;
 use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus, heartbeat};
@@ -51,6 +51,7 @@ pub use codes::{CODE_NO_AUTOPILOT, CODE_SILENT, mode_code};
 use keeping::{Keeping, Moment};
 use lateness::LateWatch;
 use lines::LogHandle;
+pub use opening::{endpoints, link_config};
 use severity::severity_of;
 pub use summary::Summary;
 use watch::ImuWatch;
@@ -63,31 +64,6 @@ const SUMMARY_PERIOD: Span = Span::from_millis(30_000);
 const IN_A_ROW: usize = 64;
 /// How long the last heartbeat has to leave.
 const LAST_WORDS: Duration = Duration::from_millis(50);
-
-/// The endpoints in the order of their links: the autopilot's, then those of sensors.
-pub fn endpoints(settings: &Settings) -> Vec<Endpoint> {
-    settings.endpoints.iter().chain(&settings.sensor_endpoints).cloned().collect()
-}
-
-/// Settings of the links, as configured.
-pub fn link_config(settings: &Settings) -> LinkConfig {
-    let l = &settings.link;
-    LinkConfig {
-        inbound_capacity: l.queue_frames,
-        // Far fewer frames go out than come in.
-        outbound_capacity: (l.queue_frames / 16).max(16),
-        max_queue_age: Duration::from_millis(l.stale_output_ms),
-        limits: l.limits,
-        peer_confirm: Duration::from_millis(l.peer_confirm_ms),
-        peer_silence: Duration::try_from_secs_f64(l.peer_timeout_s).unwrap_or(Duration::from_secs(5)),
-        backoff_first: Duration::from_millis(l.reconnect_min_ms),
-        backoff_cap: Duration::from_millis(l.reconnect_max_ms),
-        system: settings.system,
-        component: settings.component,
-        sensors_from: settings.endpoints.len(),
-        ..LinkConfig::default()
-    }
-}
 
 /// What the daemon counts itself.
 #[derive(Clone, Debug, Default)]

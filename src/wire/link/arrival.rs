@@ -224,7 +224,7 @@ impl<'a> DatagramArrivals<'a> {
 
 /// What the kernel says beside a datagram.
 #[derive(Clone, Copy, Debug, Default)]
-struct Told {
+struct BesideDatagram {
     stamp: Option<TimeSpec>,
     dropped: Option<u32>,
 }
@@ -234,11 +234,11 @@ fn receive(
     socket: &UdpSocket,
     buffer: &mut [u8],
     ancillary: &mut [u8],
-) -> io::Result<(usize, Option<SocketAddr>, Told)> {
+) -> io::Result<(usize, Option<SocketAddr>, BesideDatagram)> {
     let mut slices = [IoSliceMut::new(buffer)];
     let flags = MsgFlags::MSG_DONTWAIT;
     let message = recvmsg::<SockaddrStorage>(socket.as_raw_fd(), &mut slices, Some(ancillary), flags)?;
-    let mut told = Told::default();
+    let mut told = BesideDatagram::default();
     for c in message.cmsgs().into_iter().flatten() {
         match c {
             ControlMessageOwned::ScmTimestampns(stamp) => told.stamp = Some(stamp),
