@@ -11,7 +11,7 @@
 //! - Navigation: [`navigator`] (which source is believed, in which mode), [`outbound`] (what is told to the autopilot), [`pipeline`] (both,
 //!   inputs in and messages out).
 //! - Around it: [`wire`] (MAVLink), [`config`] (settings), [`metrics`] (errors and consistency), [`sim`] (simulated flights), [`replay`]
-//!   (recorded flights), and the daemon, the check before a flight and the command line ([`cli`]).
+//!   (recorded flights) and their [`report`]s, and the daemon, the check before a flight and the command line ([`cli`]).
 //!
 //! # Example
 //!
@@ -66,6 +66,7 @@ pub mod outbound;
 pub mod pipeline;
 mod preflight;
 pub mod replay;
+pub mod report;
 pub mod sample;
 pub mod sim;
 pub mod state;

@@ -14,6 +14,7 @@ mod markers;
 mod preflight;
 mod reload;
 mod replay;
+mod report;
 mod run;
 mod simulate;
 mod stress;
@@ -48,6 +49,8 @@ enum Command {
     Preflight(preflight::PreflightArgs),
     /// Fly a log again: what Holdover would have done
     Replay(replay::ReplayArgs),
+    /// Fly a log again and show it: one page with plots of everything
+    Report(report::ReportArgs),
     /// Slide outages over logs and tabulate the drift
     Evaluate(evaluate::EvaluateArgs),
     /// Put faults of every sensor into logs and tabulate what became of it
@@ -176,6 +179,7 @@ fn run(cli: Cli) -> Result<(), Failure> {
         Command::Run(args) => run::run(&args),
         Command::Preflight(args) => preflight::run(&args),
         Command::Replay(args) => replay::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Stress(args) => stress::run(&args),
         Command::Inspect(args) => inspect::run(&args),

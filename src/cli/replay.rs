@@ -1,5 +1,6 @@
 //! `holdover replay`: fly a log again.
 
+use std::cell::RefCell;
 use std::fs;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -23,6 +24,7 @@ use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::Solution;
 use crate::navigator::sources::status::{Measured, SourceReport};
 use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
+use crate::report::{FlightRecorder, FlightSheet};
 use crate::sample::{Input, SampleKind};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
@@ -30,6 +32,7 @@ use crate::wire::decode::Repair;
 
 use super::inspect::lacking;
 use super::logs::LogArgs;
+use super::report::{PageFile, sheet};
 use super::table::{Table, number};
 use super::{ConfigArgs, Failure};
 
@@ -54,8 +57,11 @@ pub struct ReplayArgs {
     /// Write solution.csv into this folder; of several logs each into a folder of its own there
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Overwrite a solution.csv that is there
-    #[arg(long, requires = "out")]
+    /// Write a page with plots of everything, as the command report does
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Overwrite a solution.csv or a page that is there
+    #[arg(long)]
     pub force: bool,
     /// Settings
     #[command(flatten)]
@@ -141,16 +147,30 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         Some(name) => args.settings.with_estimator(name).load()?,
         None => args.settings.load()?,
     };
-    args.logs.each(args.json, |file, several| {
+    let sheets = RefCell::new(Vec::new());
+    let page = args.report.as_deref().map(|page| PageFile::create(page, args.force)).transpose()?;
+    let each = args.logs.each(args.json, |file, several| {
         let name = file.path().file_name().filter(|_| several).unwrap_or_default();
         let out = args.out.as_ref().map(|out| out.join(name));
-        one(args, file, out.as_deref(), &settings)
-    })
+        sheets.borrow_mut().extend(one(args, file, out.as_deref(), &settings)?);
+        Ok(())
+    });
+    if let Some(page) = page {
+        page.write(&sheets.into_inner())?;
+    }
+    each
 }
 
-fn one(args: &ReplayArgs, file: &LogFile, out: Option<&Path>, settings: &Settings) -> Result<(), Failure> {
+/// Plays one log and tells what came of it. The sheet of its report, where there is to be one.
+fn one(
+    args: &ReplayArgs,
+    file: &LogFile,
+    out: Option<&Path>,
+    settings: &Settings,
+) -> Result<Option<FlightSheet>, Failure> {
     let log = Log::of(file.clone(), settings.system)?;
     let mut csv = out.map(|dir| SolutionCsv::create(dir, Overwrite::forced(args.force))).transpose()?;
+    let mut recorder = args.report.as_ref().map(|_| FlightRecorder::new());
     let bar = progress_bar(log.bytes(), args.json);
     let clock = CompanionClock::new();
     let begun = clock.now();
@@ -164,6 +184,9 @@ fn one(args: &ReplayArgs, file: &LogFile, out: Option<&Path>, settings: &Setting
             if let Some(csv) = &mut csv {
                 csv.note(runner, item);
             }
+            if let Some(recorder) = &mut recorder {
+                recorder.note(runner, item);
+            }
         },
     )?;
     bar.finish_and_clear();
@@ -175,14 +198,43 @@ fn one(args: &ReplayArgs, file: &LogFile, out: Option<&Path>, settings: &Setting
     if let Some(reason) = lacking(&outcome.heard, &outcome.imu) {
         return Err(Failure::Lacking(format!("{}: {reason}", log.path().display())));
     }
-    let report = ReplayReport {
+    let estimator = settings.pipeline.navigator.estimator;
+    let played = Played { runner: &runner, outcome: &outcome, summary: &summary };
+    let report = numbers(args, &log, &played, estimator, computing_s);
+    if args.json {
+        let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
+        outln!("{text}");
+    } else {
+        print_report(&report, &log, &played, estimator);
+    }
+    Ok(recorder.map(|recorder| sheet(&log, &runner, &summary, recorder, &args.fault, estimator)))
+}
+
+/// What a log was played to.
+#[derive(Clone, Copy)]
+struct Played<'a> {
+    runner: &'a Runner,
+    outcome: &'a Outcome,
+    summary: &'a LogSummary,
+}
+
+/// All of it as numbers.
+fn numbers(
+    args: &ReplayArgs,
+    log: &Log,
+    played: &Played<'_>,
+    estimator: Estimator,
+    computing_s: f64,
+) -> ReplayReport {
+    let Played { runner, outcome, summary } = *played;
+    ReplayReport {
         log: log.path().display().to_string(),
         duration_s: outcome.duration_s,
         frames: summary.frames,
         skipped_bytes: summary.skipped_bytes(),
         bad_crc: summary.bad_crc(),
         reference: outcome.reference,
-        estimator: settings.pipeline.navigator.estimator.label(),
+        estimator: estimator.label(),
         aided: outcome.aided,
         faults: args.fault.iter().map(InjectedFault::to_string).collect(),
         outages: outcome.outages.clone(),
@@ -192,14 +244,7 @@ fn one(args: &ReplayArgs, file: &LogFile, out: Option<&Path>, settings: &Setting
         sources: runner.pipeline.navigator.source_reports(),
         drift: runner.pipeline.navigator.measured_drift(),
         realtime_factor: outcome.duration_s / computing_s,
-    };
-    if args.json {
-        let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
-        outln!("{text}");
-    } else {
-        print_report(&report, &log, &runner, &summary, &outcome, settings.pipeline.navigator.estimator);
     }
-    Ok(())
 }
 
 fn told(t_s: f64, event: &Event) -> ToldEvent {
@@ -210,7 +255,7 @@ fn repair_count((repair, count): (Repair, u64)) -> RepairCount {
     RepairCount { code: repair.code(), what: repair.to_string(), count }
 }
 
-fn progress_bar(bytes: u64, json: bool) -> ProgressBar {
+pub(super) fn progress_bar(bytes: u64, json: bool) -> ProgressBar {
     if json || !std::io::stderr().is_terminal() || bytes < 1 << 20 {
         return ProgressBar::hidden();
     }
@@ -218,14 +263,8 @@ fn progress_bar(bytes: u64, json: bool) -> ProgressBar {
     ProgressBar::new(bytes).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-fn print_report(
-    r: &ReplayReport,
-    log: &Log,
-    runner: &Runner,
-    summary: &LogSummary,
-    outcome: &Outcome,
-    estimator: Estimator,
-) {
+fn print_report(r: &ReplayReport, log: &Log, played: &Played<'_>, estimator: Estimator) {
+    let Played { runner, outcome, summary } = *played;
     let vehicle = log.vehicle();
     outln!("{}: {:.1} s, {} (system {})", r.log, r.duration_s, vehicle.autopilot, vehicle.system.0);
     outln!(

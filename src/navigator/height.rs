@@ -37,7 +37,8 @@ pub(super) struct HeightUpdate {
 #[derive(Clone, Debug)]
 pub(super) struct HeightEstimate {
     filter: HeightFilter,
-    heard: [Option<AutopilotTime>; 4],
+    /// When each channel was heard last, and what it told, m.
+    heard: [Option<(AutopilotTime, f64)>; 4],
 }
 
 impl HeightEstimate {
@@ -95,9 +96,9 @@ impl HeightEstimate {
         let HeightReading { channel, height_m, sigma_m, age_s } = *reading;
         let verdict = self.filter.measure(channel, height_m, sigma_m, age_s);
         let told = self.tell_changes(now, events);
-        let heard = self.heard[channel.index()].replace(now);
+        let heard = self.heard[channel.index()].replace((now, height_m));
         let moved_m = before.zip(self.filter.height_m()).map(|(before, after)| after - before);
-        let returned = heard.is_none_or(|t| now.seconds_since(t) > SILENT_S);
+        let returned = heard.is_none_or(|(t, _)| now.seconds_since(t) > SILENT_S);
         HeightUpdate { verdict, moved_m, decision: told || returned, told }
     }
 
@@ -133,6 +134,11 @@ impl HeightEstimate {
     /// What a channel's height is off by as a rule, m, and for how long it has been silent, s.
     pub(super) fn standing(&self, channel: Channel) -> Option<(f64, f64)> {
         self.filter.standing(channel)
+    }
+
+    /// When a channel was heard last, and what height it told, m above the origin.
+    pub(super) fn reading(&self, channel: Channel) -> Option<(AutopilotTime, f64)> {
+        self.heard[channel.index()]
     }
 
     /// Whether a height lies more than `gate` sigmas from what the channel should tell.

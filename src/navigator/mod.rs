@@ -71,7 +71,7 @@ use memory::{ResumeError, SensorsMemory, Snapshot};
 use monitor::{GnssFault, GnssState};
 use reset::Reset;
 use settings::NavigatorSettings;
-use shadow::MeasuredDrift;
+use shadow::{DriftComparison, MeasuredDrift};
 use solution::{Mode, Solution};
 use sources::SourceSet;
 use sources::status::{SourceId, SourceReport, StatusBoard};
@@ -302,6 +302,21 @@ impl Navigator {
     /// What a channel's height is off by as a rule, m, and for how long it has been silent, s.
     pub fn height_standing(&self, channel: Channel) -> Option<(f64, f64)> {
         self.core.height.standing(channel)
+    }
+
+    /// When a channel of the altimeter was heard last, and what height it told, m above the origin, with its usual offset in it.
+    pub fn height_reading(&self, channel: Channel) -> Option<(AutopilotTime, f64)> {
+        self.core.height.reading(channel)
+    }
+
+    /// Earth's magnetic field at the origin, T, where the model has one.
+    pub fn magnetic_field(&self) -> Option<Ned<Vector3<f64>>> {
+        self.core.surroundings.environment().and_then(|e| e.field_ned).map(Ned::new)
+    }
+
+    /// The newest comparison of each of the two dead reckonings beside GNSS.
+    pub fn drift_comparisons(&self) -> [Option<DriftComparison>; 2] {
+        self.core.estimator.drift_comparisons()
     }
 
     /// The flow sensors with their calibration [b_x, b_y, s, μ] and whether they are trusted.

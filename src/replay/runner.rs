@@ -59,6 +59,7 @@ pub struct Runner {
     heard: [u64; SampleKind::ALL.len()],
     imu: Stretches,
     sent: Vec<OutboundMessage>,
+    given: Option<Input>,
     solution: Option<Solution>,
 }
 
@@ -103,6 +104,7 @@ impl Runner {
             heard: [0; SampleKind::ALL.len()],
             imu: Stretches::default(),
             sent: Vec::with_capacity(4),
+            given: None,
             solution: None,
         }
     }
@@ -115,6 +117,11 @@ impl Runner {
     /// The newest solution.
     pub fn solution(&self) -> Option<&Solution> {
         self.solution.as_ref()
+    }
+
+    /// What the navigation was given of the last item: with the faults in it; `None` of what was withheld.
+    pub fn given(&self) -> Option<&Input> {
+        self.given.as_ref()
     }
 
     /// What was told so far, with its time in seconds since the first sample.
@@ -151,6 +158,7 @@ impl Runner {
     /// Takes one item of the log. Returns what was sent because of it.
     pub fn take(&mut self, clock: &AutopilotClock, item: &Input) -> &[OutboundMessage] {
         self.sent.clear();
+        self.given = None;
         let time = match item {
             Input::Sample(s) => s.time(),
             Input::Reference(r) => r.time(),
@@ -176,7 +184,8 @@ impl Runner {
             self.pipeline.navigator.mask_gnss(time);
             return &self.sent;
         }
-        let Some(heard) = self.faults.alter(t, item) else { return &self.sent };
+        self.given = self.faults.alter(t, item);
+        let Some(heard) = self.given else { return &self.sent };
         let mut sent = std::mem::take(&mut self.sent);
         if let Some(solution) = self.pipeline.take(clock, &heard, &mut sent) {
             self.solution = Some(solution);

@@ -27,7 +27,6 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("navigator", &["altimeter", "camera", "filter", "geo", "landmark", "observer", "sample", "time"]),
     ("outbound", &["geo", "navigator", "sample", "time"]),
     ("metrics", &["geo", "navigator", "sample", "time"]),
-    ("report", &["geo", "metrics", "navigator", "sample", "time"]),
     ("sim", &["altimeter", "geo", "sample", "time"]),
     ("fault", &["geo", "sample", "time"]),
     ("wire", &["files", "geo", "navigator", "outbound", "sample", "time"]),
@@ -71,6 +70,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "wire",
         ],
     ),
+    ("report", &["altimeter", "geo", "metrics", "navigator", "replay", "sample", "time"]),
     (
         "daemon",
         &[

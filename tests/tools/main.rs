@@ -11,9 +11,11 @@ mod command;
 
 mod cli;
 mod docs;
+mod drawing;
 mod files;
 mod flights;
 mod marker_log;
 mod preflight;
+mod report;
 mod simulate;
 mod stand_in;

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::super::memory::DriftMemory;
-use super::super::shadow::{Growth, MeasuredDrift};
+use super::super::shadow::{DriftComparison, Growth, MeasuredDrift};
 use super::super::solution::VelocitySource;
 use super::{EstimatorStack, Stage};
 
@@ -68,6 +68,11 @@ impl EstimatorStack {
     /// What the shadows have measured, whatever would carry now first.
     pub(in super::super) fn measured_drift(&self) -> Vec<MeasuredDrift> {
         self.shadows.measured()
+    }
+
+    /// The newest comparison of each of the shadows.
+    pub(in super::super) fn drift_comparisons(&self) -> [Option<DriftComparison>; 2] {
+        self.shadows.comparisons()
     }
 
     /// By what the claimed covariances of position and velocity are to be multiplied without GNSS, while `source` carries: as the shadows have

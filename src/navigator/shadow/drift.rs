@@ -6,8 +6,9 @@ use serde::Serialize;
 
 use super::super::memory::DriftMemory;
 use super::super::solution::VelocitySource;
-use super::factor::DriftFactor;
+use super::factor::{DriftError, DriftFactor};
 use crate::navigator::tuning::shadow::{HORIZONS_S, PRIOR_LOG2, PRIOR_LOG2_FLOW, TOLD_S};
+use crate::time::AutopilotTime;
 
 /// One of each that is learned.
 pub(super) const SOURCES: [VelocitySource; 3] =
@@ -34,6 +35,36 @@ pub struct MeasuredDrift {
     pub times: u32,
     /// By what the claimed standard deviation of the drift is multiplied.
     pub factor: f64,
+}
+
+/// One dead reckoning beside GNSS, compared with a fix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriftComparison {
+    /// When.
+    pub time: AutopilotTime,
+    /// What carried.
+    pub source: VelocitySource,
+    /// Time without GNSS, s.
+    pub age_s: f64,
+    /// Length of the horizontal error, m.
+    pub error_m: f64,
+    /// Its standard deviation as it was claimed before this comparison, √trace, m: the grown covariance times the factor in force then,
+    /// and what the comparison itself is wrong by.
+    pub sigma_m: f64,
+}
+
+impl DriftComparison {
+    /// What the factor said of an error before it learned of it.
+    pub(super) fn foretold(
+        time: AutopilotTime,
+        source: VelocitySource,
+        age_s: f64,
+        drift: &DriftError,
+        factor: &DriftFactor,
+    ) -> Self {
+        let variance = drift.growth.trace() * factor.at(age_s).powi(2) + drift.rest.trace();
+        Self { time, source, age_s, error_m: drift.error.norm(), sigma_m: variance.max(0.0).sqrt() }
+    }
 }
 
 impl MeasuredDrift {

@@ -30,8 +30,8 @@ use super::solution::{Mode, VelocitySource};
 use super::sources::{airspeed, drag};
 use super::timeline::Timeline;
 use crate::navigator::tuning::shadow::{FIX_NOISE_FIXES, FLIES_M, FLIES_MPS, HORIZONS_S, WANDER_S};
-pub use drift::MeasuredDrift;
 pub(super) use drift::ProvenDrift;
+pub use drift::{DriftComparison, MeasuredDrift};
 use factor::DriftError;
 pub(super) use growth::Growth;
 use run::{Goes, Present, Run};
@@ -59,11 +59,13 @@ struct Slot {
     /// With what the runs go and how far, in turns, and whose turn it is.
     turns: &'static [(Goes, usize)],
     turn: usize,
+    /// What its runs were compared with fixes last.
+    newest: Option<DriftComparison>,
 }
 
 impl Slot {
     fn new(turns: &'static [(Goes, usize)]) -> Self {
-        Self { run: None, going: None, turns, turn: 0 }
+        Self { run: None, going: None, turns, turn: 0, newest: None }
     }
 
     fn going(&mut self) -> Option<&mut Run> {
@@ -183,6 +185,11 @@ impl Shadows {
         self.drift.measured(self.present.carrier, self.air)
     }
 
+    /// What each place's runs were compared with fixes last.
+    pub(super) fn comparisons(&self) -> [Option<DriftComparison>; 2] {
+        self.slots.each_ref().map(|slot| slot.newest)
+    }
+
     /// What innovations without GNSS show of jumps of the IMU's axes, while a shadow with all that carries goes on.
     pub(super) fn jump_windows(&self) -> &[JumpWindow] {
         let carried = &self.slots[0];
@@ -263,17 +270,18 @@ impl Shadows {
             let twice = |s: &VelocitySource| {
                 *s == VelocitySource::Inertial && run.goes == Goes::Carried && horizon == 0
             };
-            let factor = run.carrier().filter(|s| !twice(s)).and_then(|s| self.drift.of_mut(s));
-            if let Some(factor) = factor {
+            let carrier = run.carrier().filter(|s| !twice(s));
+            let factor = carrier.and_then(|s| Some((s, self.drift.of_mut(s)?)));
+            if let Some((source, factor)) = factor {
                 let drifted = run.drifted(now, fix.measured, &fix.error, filter, environment);
                 // The receiver's error of the start is the shadow's, too; what it has changed by since is not: 2 σ² (1 − e^(−t/τ)) of a Markov process.
                 let wander = 2.0 * fix.sigma_m.powi(2) * (1.0 - (-age_s / WANDER_S).exp());
                 let noise = Matrix2::identity() * (self.fix_noise.square + wander);
                 let growth = drifted.claimed - drifted.start;
-                factor.learn(
-                    horizon,
-                    &DriftError { error: drifted.error, growth, rest: drifted.start + noise },
-                );
+                let source = if source == VelocitySource::Airspeed { self.air } else { source };
+                let drift = DriftError { error: drifted.error, growth, rest: drifted.start + noise };
+                slot.newest = Some(DriftComparison::foretold(now, source, age_s, &drift, factor));
+                factor.learn(horizon, &drift);
             }
             slot.reached(horizon);
         }

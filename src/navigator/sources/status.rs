@@ -197,6 +197,11 @@ impl NisCount {
         (self.fused > 0).then(|| self.sum / self.fused as f64)
     }
 
+    /// Sum of the normalised innovations squared of what was fused.
+    pub fn sum(&self) -> f64 {
+        self.sum
+    }
+
     fn add(&mut self, other: &Self) {
         self.fused += other.fused;
         self.gated += other.gated;
@@ -278,6 +283,12 @@ impl SourceStatus {
         let mut all = self.quantities[0];
         all.add(&self.quantities[1]);
         all
+    }
+
+    /// The same by what was fused.
+    pub fn quantities(&self) -> impl Iterator<Item = (Measured, NisCount)> + '_ {
+        let own = Measured::ALL.iter().filter(|m| m.place().0 == self.source.kind);
+        own.map(|m| (*m, self.quantities[m.place().1]))
     }
 
     /// Innovations of late (RMS over some 20 scalars) over five of their sigmas: above 1 they do not fit. `None` while nothing was
