@@ -21,7 +21,7 @@ use super::super::settings::Estimator;
 use super::super::solution::{Mode, VelocitySource};
 use crate::navigator::tuning::drag::{
     AGE_S, ASSUMED_S, KNOWN, LASTING_S, LATELY_S, LEAST_DRAG, LEAST_GUST_MPS, LEAST_LASTING_MPS2, MEAN_S,
-    PERIOD_S, RECALLED_S, SPREAD_S,
+    PERIOD_S, RECALLED_S, SPREAD_S, WIND_KEPT_S,
 };
 
 /// Settings of the rotor drag.
@@ -89,15 +89,40 @@ struct DragMean {
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct DragSource {
     mean: DragMean,
-    /// The force of the last second, m/s².
+    /// The force of late, m/s².
     lately: Option<Vector2<f64>>,
     error: DragError,
     used: Option<AutopilotTime>,
+    wind: KeptWind,
+}
+
+/// The filter's wind of some seconds ago, NE, m/s: a flow that is wrong bends the wind as well, and a witness is not to be bent by whom it is asked about.
+#[derive(Clone, Copy, Debug, Default)]
+struct KeptWind {
+    since: Option<AutopilotTime>,
+    /// The older is at least [`WIND_KEPT_S`] old.
+    older: Option<Vector2<f64>>,
+    newer: Option<Vector2<f64>>,
+}
+
+impl KeptWind {
+    fn note(&mut self, now: AutopilotTime, wind_ne: &Vector2<f64>) {
+        if self.since.is_none_or(|t| now.seconds_since(t) > WIND_KEPT_S) {
+            self.since = Some(now);
+            self.older = self.newer.replace(*wind_ne);
+        }
+    }
 }
 
 impl DragSource {
     pub(super) fn new(settings: &DragSettings) -> Self {
-        Self { mean: DragMean::default(), lately: None, error: DragError::new(settings), used: None }
+        Self {
+            mean: DragMean::default(),
+            lately: None,
+            error: DragError::new(settings),
+            used: None,
+            wind: KeptWind::default(),
+        }
     }
 
     /// When it last corrected the velocity.
@@ -134,6 +159,7 @@ impl DragSource {
         let (force_xy, air_body, seconds) =
             (mean.force / mean.seconds, mean.air / mean.seconds, mean.seconds);
         *mean = DragMean::default();
+        self.wind.note(s.time, &state.wind_ne);
         let lately = self.lately.get_or_insert(force_xy);
         *lately += (force_xy - *lately) * (seconds / LATELY_S).min(1.0);
         // A flow that carries knows the velocity better than gusts let the drag know it.
@@ -159,7 +185,7 @@ impl DragSource {
         self.used = known.then_some(now);
     }
 
-    /// Which of two velocities, NED, m/s, the force of the last second speaks for: by how much the square of its deviation over the variance is
+    /// Which of two velocities of late, NED, m/s, the force speaks for: by how much the square of its deviation over the variance is
     /// less with the first. `None` where the drag is not known.
     pub(in super::super) fn speaks_for(
         &self,
@@ -170,7 +196,8 @@ impl DragSource {
         let estimator = &context.core.estimator;
         let (state, sigma) = estimator.filter_state().zip(estimator.drag_sigma())?;
         let force_xy = self.lately.filter(|_| is_known(state.drag, sigma))?;
-        let wind = Vector3::new(state.wind_ne.x, state.wind_ne.y, 0.0);
+        let wind_ne = self.wind.older?;
+        let wind = Vector3::new(wind_ne.x, wind_ne.y, 0.0);
         let square = |v_ned: &Vector3<f64>| {
             let air_body = state.r_body_to_ned.tr_mul(&(v_ned - wind));
             let (off, _) = estimator.drag_innovation(&force_xy, &air_body)?;
@@ -196,6 +223,7 @@ impl DragSource {
 
     fn forget(&mut self) {
         (self.mean, self.used, self.lately) = (DragMean::default(), None, None);
+        self.wind = KeptWind::default();
     }
 
     pub(super) fn reset(&mut self, reset: &Reset) {

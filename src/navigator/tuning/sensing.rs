@@ -74,8 +74,9 @@ pub(in crate::navigator) mod drag {
     /// However well it fitted, the force is wrong by this for half a minute, m/s² (vibration, tilt of the rotors), and the wind by this, m/s.
     pub(in crate::navigator) const LEAST_LASTING_MPS2: f64 = 0.05;
     pub(in crate::navigator) const LEAST_GUST_MPS: f64 = 0.15;
-    /// As a witness it is asked for the mean of this long, s.
-    pub(in crate::navigator) const LATELY_S: f64 = 1.0;
+    /// As a witness it is asked for the mean of this long, s: as old as the middle of the flows that it is asked about. And by the wind of so long before, s.
+    pub(in crate::navigator) const LATELY_S: f64 = 0.6;
+    pub(in crate::navigator) const WIND_KEPT_S: f64 = 5.0;
     /// Drag carries the velocity for this long, s, …
     pub(in crate::navigator) const AGE_S: f64 = 1.0;
     /// … and when it is there at all, 1/s, and known this many times better than it is large.
