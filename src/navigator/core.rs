@@ -251,13 +251,13 @@ impl Core {
         receivers::charge(self, now, facts.gnss_receiver, Err(fault), false);
         if matches!(fault, GnssFault::Inconsistent | GnssFault::ContradictsFlow) {
             // What the slow lie added is taken back; the published position glides after it.
-            let walked = self.integrity.walked();
-            let walked = Vector3::new(walked.x, walked.y, 0.0);
-            self.estimator.relocate(&-walked);
+            let led = self.integrity.led();
+            let led = Vector3::new(led.x, led.y, 0.0);
+            self.estimator.relocate(&-led);
             self.timeline.reset(&Reset::Relocated);
-            self.published.stays(&-walked);
-            self.witnesses.unexplained.undone();
-            self.events.tell(now, EventKind::WalkedBack(walked.norm()));
+            self.published.stays(&-led);
+            self.witnesses.unexplained.taken_back(now, &led.xy(), self.integrity.walked_spread_m());
+            self.events.tell(now, EventKind::WalkedBack(led.norm()));
         }
         if let (GnssFault::ContradictsInertia, Some(since)) = (fault, facts.lying_since) {
             flow_judge::take_back(self, since);

@@ -74,7 +74,8 @@ pub(super) fn hear_flow(
     gnss.witness.fix(times, reading.position_ned.xy(), flow, known);
     let Some(walk) = gnss.witness.walk().copied() else { return Ok(()) };
     if !was_walking {
-        core.integrity.walks(walk.walked_ne);
+        core.integrity.walks(walk.walked_ne, walk.spread_m);
+        core.integrity.leads(&reading.position_error);
         sources.flow.unlearn(&mut sources.gnss.travel, core);
     }
     Err(GnssFault::ContradictsFlow)
@@ -116,6 +117,28 @@ pub(super) fn hear_inertia(
         core.witnesses.unexplained.undone();
     }
     told(steps)
+}
+
+/// Who is wrong where inertia parts from a receiver that agrees with itself? While nobody knows, the position may be off by as much as they are apart.
+pub(super) fn dispute(
+    core: &mut Core,
+    sources: &SourceSet,
+    now: AutopilotTime,
+    reading: &FixReading,
+    judged: Result<Standing, GnssFault>,
+) {
+    let outage = core.dead_reckoning();
+    let unexplained = &mut core.witnesses.unexplained;
+    let open = match judged {
+        Err(GnssFault::VelocityJump) => !sources.gnss.steps.parted_at_once(),
+        // That they are near for a moment settles nothing before the receiver is believed again.
+        Ok(standing) => unexplained.is_disputed() && (outage || standing != Standing::Near),
+        Err(_) => false,
+    };
+    match reading.velocity_error {
+        Some(apart) if open => unexplained.dispute(now, &reading.position_error, apart.norm()),
+        _ => unexplained.settled(),
+    }
 }
 
 fn told(steps: &VelocitySteps) -> Result<(), GnssFault> {

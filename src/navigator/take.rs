@@ -218,14 +218,19 @@ impl Navigator {
     fn judge(&mut self, now: AutopilotTime, reading: &FixReading) -> Result<bool, GnssFault> {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let expected = (self.core.mode != Mode::Aligning).then(|| expectation(reading, &context));
-        receivers::hear_flow(&mut self.core, &mut self.sources, reading)?;
-        receivers::hear_inertia(&mut self.core, &mut self.sources, reading)?;
+        receivers::hear_flow(&mut self.core, &mut self.sources, reading)
+            .and_then(|()| receivers::hear_inertia(&mut self.core, &mut self.sources, reading))
+            .inspect_err(|_| self.core.witnesses.unexplained.settled())?;
         let core = &mut self.core;
         let position_ne = reading.position_ned.xy();
         let judged = core.integrity.judge(reading.stamp, position_ne, reading.velocity_ne, expected);
+        receivers::dispute(core, &self.sources, now, reading, judged);
         let standing = match judged {
             Ok(standing) => standing,
             Err(fault) => {
+                if fault == GnssFault::Inconsistent && !core.dead_reckoning() {
+                    core.integrity.leads(&reading.position_error);
+                }
                 if fault == GnssFault::PositionJump && !core.dead_reckoning() {
                     core.witnesses.unexplained.jumped(reading.position_error.xy().norm());
                 }
@@ -235,9 +240,10 @@ impl Navigator {
         };
         heading_turn::witness(&mut self.core, &mut self.sources, now, reading, None);
         let core = &mut self.core;
-        for led in [core.integrity.wander(), self.sources.gnss.steps.may_have_led(reading.measured)] {
-            core.witnesses.unexplained.wanders(now, &led, reading.claimed_m);
-        }
+        let (wander, unexplained) = (core.integrity.wander(), &mut core.witnesses.unexplained);
+        unexplained.wanders(now, &wander.gap_ne, wander.beyond_m, reading.claimed_m);
+        let led_ne = self.sources.gnss.steps.may_have_led(reading.measured);
+        unexplained.wanders(now, &led_ne, led_ne.norm(), reading.claimed_m);
         // A receiver that comes back at another height is not where it says.
         let height_m = -reading.position_ned.z;
         let gate = core.settings.gnss.trust.gate_sigma;

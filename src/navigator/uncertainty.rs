@@ -31,6 +31,12 @@ impl Core {
         if on_landmarks { 0.0 } else { self.witnesses.unexplained.variance(self.stream.newest()) }
     }
 
+    /// What is in dispute between a receiver and inertia, an axis, m² and (m/s)².
+    pub(super) fn disputed(&self, facts: &SourceFacts) -> [f64; 2] {
+        let on_landmarks = facts.landmark_fix.is_some() && self.dead_reckoning();
+        if on_landmarks { [0.0; 2] } else { self.witnesses.unexplained.disputed(self.stream.newest()) }
+    }
+
     /// Covariances of the published horizontal position and velocity, NE, m² and (m/s)².
     fn horizontal_covariances(&self, facts: &SourceFacts) -> (Matrix2<f64>, Matrix2<f64>) {
         // A receiver's error changes over minutes: no averaging takes it out, and it stays when the receiver goes.
@@ -55,7 +61,9 @@ impl Core {
                     p += p_budget;
                     v += v_budget;
                 }
-                (p + anchor + self.estimator.suspected(), v)
+                let [apart, parting] = self.disputed(facts);
+                let one = Matrix2::identity();
+                (p + anchor + self.estimator.suspected() + one * apart, v + one * parting)
             }
             (Mode::Holdover | Mode::Lost, None, Some((p, v))) => (p + self.published.offset_covariance(), v),
             (Mode::Aided | Mode::Rejoining, ..) => {

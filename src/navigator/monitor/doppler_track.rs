@@ -10,9 +10,9 @@ use crate::time::{AutopilotTime, Span};
 
 use super::usual::UsualSpread;
 use crate::navigator::tuning::doppler_track::{
-    DECADES, DISTINCT, DRIFT_MPS, FIRM, GOES_ON_DECADES, GOES_ON_S, JITTER_S, LEAST_STEP_M, LEAST_WALK_M,
-    LEAST_WALK_MPS, MARK_S, MARKS, MATCHES, MEMORY, SETTLE_S, SLACK_S, STEP_MEMORY, STEP_SIGMA_M, WANDER_M,
-    WINDOWS_S,
+    CHANGES_MPS, DECADES, DELAY_DECADES, DELAY_S, DISTINCT, DRIFT_MPS, FIRM, GOES_ON_DECADES, GOES_ON_S,
+    JITTER_S, LEAST_STEP_M, LEAST_WALK_M, LEAST_WALK_MPS, LIKELY_DECADES, MARK_S, MARKS, MATCHES, MEMORY,
+    SETTLE_S, SLACK_S, STEP_MEMORY, STEP_SIGMA_M, TURNING_M, WANDER_M, WINDOWS_S,
 };
 
 /// How the positions moved, by the velocities.
@@ -38,13 +38,39 @@ struct TrackMark {
     astray: bool,
 }
 
+/// How far positions are from where the velocities lead.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) struct TrackWander {
+    /// By which the newest fix has moved beyond its velocities, NE, m.
+    pub(in super::super) gap_ne: Vector2<f64>,
+    /// What of that is more than the latency that is usual would make of the change of velocity, m.
+    pub(in super::super) beyond_m: f64,
+    /// How far apart they usually are over that time and through that change of velocity, m.
+    pub(in super::super) spread_m: f64,
+}
+
+impl TrackWander {
+    pub(in super::super) const NONE: Self =
+        Self { gap_ne: Vector2::new(0.0, 0.0), beyond_m: 0.0, spread_m: 0.0 };
+}
+
 /// One length of time.
 #[derive(Clone, Copy, Debug)]
 struct TrackWindow {
     usual: UsualSpread,
+    /// The same through changes of the velocity, whatever the latency is.
+    turning: UsualSpread,
     due: Option<AutopilotTime>,
     /// Waits until the next is seen, too: a walk is not to be learned while it begins.
-    pending: Option<f64>,
+    pending: Option<UsualPair>,
+}
+
+/// What a window showed that was usual: the square of the deviation, m², and, where the velocity changed, that of all of the gap, m², and of the delay
+/// that would explain it, s².
+#[derive(Clone, Copy, Debug)]
+struct UsualPair {
+    deviation: f64,
+    turning: Option<[f64; 2]>,
 }
 
 /// See the module's documentation.
@@ -56,11 +82,13 @@ pub(in super::super) struct DopplerTrack {
     newest: Option<TrackMark>,
     windows: [TrackWindow; WINDOWS_S.len()],
     step: UsualSpread,
+    /// What the latency of positions and velocities is apart, and varies by, s: as much as this receiver's changes of velocity have shown.
+    delay: UsualSpread,
     /// What is older is not compared: there was a step.
     since: Option<AutopilotTime>,
-    run_away_ne: Vector2<f64>,
-    /// What the newest fix has moved beyond its velocities over the window that shows most of it, NE, m.
-    wander_ne: Vector2<f64>,
+    run_away: TrackWander,
+    /// Over the window that shows most of it.
+    wander: TrackWander,
     /// Sum of the steps since it was accepted, NE, m, and whether it has run away since.
     steps_ne: Vector2<f64>,
     ran: bool,
@@ -72,6 +100,7 @@ impl DopplerTrack {
     pub(in super::super) fn new() -> Self {
         let window = |length_s: f64| TrackWindow {
             usual: UsualSpread::expecting((WANDER_M + DRIFT_MPS * length_s).powi(2), FIRM),
+            turning: UsualSpread::expecting(TURNING_M * TURNING_M, FIRM),
             due: None,
             pending: None,
         };
@@ -81,9 +110,10 @@ impl DopplerTrack {
             newest: None,
             windows: WINDOWS_S.map(window),
             step: UsualSpread::expecting(STEP_SIGMA_M * STEP_SIGMA_M, FIRM),
+            delay: UsualSpread::expecting(DELAY_S * DELAY_S, FIRM),
             since: None,
-            run_away_ne: Vector2::zeros(),
-            wander_ne: Vector2::zeros(),
+            run_away: TrackWander::NONE,
+            wander: TrackWander::NONE,
             steps_ne: Vector2::zeros(),
             ran: false,
             was_sound: false,
@@ -94,19 +124,19 @@ impl DopplerTrack {
     pub(in super::super) fn forget(&mut self) {
         self.marks.clear();
         (self.oldest, self.newest, self.since) = (0, None, None);
-        (self.run_away_ne, self.wander_ne) = (Vector2::zeros(), Vector2::zeros());
+        (self.run_away, self.wander) = (TrackWander::NONE, TrackWander::NONE);
         (self.steps_ne, self.ran, self.was_sound) = (Vector2::zeros(), false, false);
         self.nothing_pends();
     }
 
-    /// How far the positions have run away from the velocities over the window that showed it, NE, m.
-    pub(in super::super) fn run_away(&self) -> Vector2<f64> {
-        self.run_away_ne
+    /// How far the positions have run away from the velocities.
+    pub(in super::super) fn run_away(&self) -> TrackWander {
+        self.run_away
     }
 
-    /// How far the positions are from where the velocities lead, over the window that shows most of it, NE, m: beyond doubt or not.
-    pub(in super::super) fn wander(&self) -> Vector2<f64> {
-        self.wander_ne
+    /// How far the positions are from where the velocities lead, beyond doubt or not.
+    pub(in super::super) fn wander(&self) -> TrackWander {
+        self.wander
     }
 
     /// Mean square of the step from fix to fix beyond the velocity's, an axis, m².
@@ -150,7 +180,7 @@ impl DopplerTrack {
         if stepped {
             // Positions before and after a step are not comparable, but for those before one that is undone.
             self.since = astray.then_some(time);
-            self.run_away_ne = Vector2::zeros();
+            self.run_away = TrackWander::NONE;
             self.nothing_pends();
         }
         let ran_away = self.compare(&here);
@@ -269,41 +299,61 @@ impl DopplerTrack {
             last_s = age;
         }
         let mut ran_away = None;
-        self.wander_ne = Vector2::zeros();
+        self.wander = TrackWander::NONE;
         for (k, from) in from.into_iter().enumerate() {
             let Some((from, change)) = from else { continue };
-            let d = (deviation(here, &from) - JITTER_S * change).max(0.0);
-            if d > self.wander_ne.norm() {
-                self.wander_ne = gap(here, &from).normalize() * d;
-            }
-            let window = &mut self.windows[k];
-            let walk_mps = LEAST_WALK_MPS * WINDOWS_S[k];
-            let limit = window.usual.limit(DECADES).sqrt().max(LEAST_WALK_M + walk_mps);
-            // Who has run away goes on with it as long as it looks like that, and not only beyond doubt.
-            let goes_on = self.ran && WINDOWS_S[k] <= GOES_ON_S;
-            let limit = if goes_on {
-                limit.min(window.usual.limit(GOES_ON_DECADES).sqrt().max(walk_mps))
-            } else {
-                limit
-            };
-            if d > limit {
+            if self.runs(k, here, &from, change) {
                 ran_away = Some(ran_away.unwrap_or(here.time).min(from.time));
-            } else if window.due.is_none_or(|due| here.time >= due) && here.sound {
-                if let Some(squared) = window.pending.replace(d * d) {
-                    window.usual.learn(squared, MEMORY);
-                }
-                // Windows that overlap by half tell nearly twice as much.
-                window.due = Some(here.time + Span::from_seconds(0.5 * WINDOWS_S[k]));
             }
         }
         if let Some(since) = ran_away {
             // A walk that is found over one window began before it, where a longer one shows more.
-            self.run_away_ne = self.wander_ne;
+            self.run_away = self.wander;
             self.nothing_pends();
             // It was on its way already.
             self.marks.iter_mut().filter(|m| m.time > since).for_each(|m| m.sound = false);
         }
         ran_away.is_some()
+    }
+
+    /// Whether it has run away from a mark of window `k`, since when the velocity has changed by `change`, m/s, at most; if not, that was usual.
+    fn runs(&mut self, k: usize, here: &TrackMark, from: &TrackMark, change: f64) -> bool {
+        let gap_ne = gap(here, from);
+        let slack_m = SLACK_S * (here.velocity_ne - from.velocity_ne).norm() + JITTER_S * change;
+        let window = &mut self.windows[k];
+        let beyond = |decades: f64| {
+            let late_m = self.delay.limit(decades).sqrt() * change;
+            let slack_m = slack_m.min(late_m).min(window.turning.limit(decades).sqrt());
+            (gap_ne.norm() - slack_m).max(0.0)
+        };
+        let (d, likely) = (beyond(DELAY_DECADES), beyond(LIKELY_DECADES));
+        if likely > self.wander.beyond_m {
+            let late = (self.delay.variance() * change * change).min(window.turning.variance());
+            let variance = window.usual.variance() + late;
+            self.wander = TrackWander { gap_ne, beyond_m: likely, spread_m: (2.0 * variance).sqrt() };
+        }
+        let walk_mps = LEAST_WALK_MPS * WINDOWS_S[k];
+        let limit = window.usual.limit(DECADES).sqrt().max(LEAST_WALK_M + walk_mps);
+        // Who has run away goes on with it as long as it looks like that, and not only beyond doubt.
+        let goes_on = self.ran && WINDOWS_S[k] <= GOES_ON_S;
+        let on = goes_on && likely > limit.min(window.usual.limit(GOES_ON_DECADES).sqrt().max(walk_mps));
+        if on || d > limit {
+            return true;
+        }
+        if here.sound && window.due.is_none_or(|due| here.time >= due) {
+            let squared = gap_ne.norm_squared();
+            let turning = (change > CHANGES_MPS).then(|| [squared, squared / (change * change)]);
+            if let Some(usual) = window.pending.replace(UsualPair { deviation: d * d, turning }) {
+                window.usual.learn(usual.deviation, MEMORY);
+                if let Some([squared, delay]) = usual.turning {
+                    window.turning.learn(squared, MEMORY);
+                    self.delay.learn(delay, MEMORY);
+                }
+            }
+            // Windows that overlap by half tell nearly twice as much.
+            window.due = Some(here.time + Span::from_seconds(0.5 * WINDOWS_S[k]));
+        }
+        false
     }
 }
 
@@ -355,17 +405,22 @@ mod tests {
         let walk = |t: f64| Vector2::new(0.3, 0.4) * (t - 300.0);
         let found = fly(300.0, 400.0, &mut track, walk).unwrap();
         assert!(walk(found).norm() < 8.0, "{found}");
-        assert!((track.run_away() - walk(found)).norm() < 2.5, "{} {}", track.run_away(), walk(found));
+        assert!(
+            (track.run_away().gap_ne - walk(found)).norm() < 2.5,
+            "{:?} {}",
+            track.run_away(),
+            walk(found)
+        );
     }
 
     #[test]
     fn what_it_wanders_is_known_before_it_is_a_walk_and_one_that_goes_on_stays_one() {
         let mut track = DopplerTrack::new();
         fly(0.0, 300.0, &mut track, honest);
-        assert!(track.wander().norm() < 2.5, "{}", track.wander());
+        assert!(track.wander().beyond_m < 2.5, "{:?}", track.wander());
         let walk = |t: f64| Vector2::new(0.3, 0.4) * (t - 300.0).clamp(0.0, 40.0);
         assert_eq!(fly(300.0, 308.0, &mut track, walk), None, "it is not beyond doubt yet");
-        assert!((track.wander() - walk(308.0)).norm() < 2.0, "{} {}", track.wander(), walk(308.0));
+        assert!((track.wander().gap_ne - walk(308.0)).norm() < 2.0, "{:?} {}", track.wander(), walk(308.0));
         let found = fly(308.0, 340.0, &mut track, walk).unwrap();
         let next = |t: f64, track: &mut DopplerTrack| fly(t, t + 0.1, track, walk);
         let on = (0..100).filter(|k| next(found + 0.2 * f64::from(k + 1), &mut track).is_some()).count();
@@ -405,5 +460,35 @@ mod tests {
         assert!(track.displaced().is_some() && track.resumes(), "it is back where it was before");
         fly(160.2, 165.0, &mut track, |_| Vector2::new(0.0, 60.0));
         assert!(!track.resumes(), "nor is it anywhere else");
+    }
+
+    /// A vehicle that circles at 20 m/s, once in 30 s, with a receiver whose position is `late_s` later than its velocity; a walk of 0.5 m/s since 300 s if it
+    /// `walks`. The first time, s, that anything was found, and how far it was thought to have wandered just before the walk.
+    fn circle(late_s: f64, walks: bool) -> (Option<f64>, f64) {
+        let (mut track, mut before) = (DopplerTrack::new(), 0.0);
+        let rate = std::f64::consts::TAU / 30.0;
+        for k in 0..2000 {
+            let t = 0.2 * f64::from(k);
+            let at = |t: f64| Vector2::new((rate * t).sin(), -(rate * t).cos()) * (20.0 / rate);
+            let v = Vector2::new((rate * t).cos(), (rate * t).sin()) * 20.0;
+            let wander = Vector2::new((0.11 * t).sin() + 0.2 * (3.1 * t).sin(), (0.07 * t).cos()) * 0.4;
+            let walk = Vector2::new(0.3, 0.4) * if walks { (t - 300.0).max(0.0) } else { 0.0 };
+            let time = AutopilotTime::from_micros(200_000 * i64::from(k));
+            if track.follow(time, at(t - late_s) + wander + walk, v, 1.0, true) != TrackMotion::Consistent {
+                return (Some(t), before);
+            }
+            if t < 300.0 {
+                before = track.wander().beyond_m;
+            }
+        }
+        (None, before)
+    }
+
+    #[test]
+    fn whose_latency_has_shown_to_be_small_cannot_hide_a_walk_in_turns() {
+        assert_eq!(circle(0.0, false).0, None);
+        assert_eq!(circle(0.3, false).0, None, "one that is late is no walk");
+        let (found, before) = circle(0.0, true);
+        assert!(found.is_some_and(|t| (300.0..340.0).contains(&t)) && before < 1.5, "{found:?} {before}");
     }
 }

@@ -33,6 +33,8 @@ pub(in super::super) struct ReceiverWalk {
     pub(in super::super) velocity_ne: Vector2<f64>,
     /// How far that has led it so far, NE, m.
     pub(in super::super) walked_ne: Vector2<f64>,
+    /// As well as that is known, m.
+    pub(in super::super) spread_m: f64,
 }
 
 /// A second of both.
@@ -224,7 +226,11 @@ impl GnssByFlow {
             if self.walk.is_none() {
                 self.jumped = false;
             }
-            let found = ReceiverWalk { velocity_ne: f.walk_ne, walked_ne: f.walk_ne * seconds };
+            let walked_ne = f.walk_ne * seconds;
+            // What is usual would be taken for a walk of this part of it.
+            let part = (2.0 * self.windows[k].usual.variance().max(1.0) / f.by_walk).sqrt();
+            let spread_m = walked_ne.norm() * part;
+            let found = ReceiverWalk { velocity_ne: f.walk_ne, walked_ne, spread_m };
             self.walk.get_or_insert(found);
         } else if self.walk.is_some() && restored && findings[last].is_some() {
             self.acquit();

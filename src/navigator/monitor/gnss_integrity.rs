@@ -16,7 +16,7 @@ use crate::sample::{GnssFix, GnssSample, GnssWarning};
 use crate::time::{AutopilotTime, Span};
 
 use super::super::reset::Reset;
-use super::doppler_track::{DopplerTrack, TrackMotion};
+use super::doppler_track::{DopplerTrack, TrackMotion, TrackWander};
 use super::frozen_fixes::FrozenFixes;
 use crate::navigator::tuning::gnss_integrity::{
     BACK_OFF, FREE_FLAPS, INTERVAL_GAIN, MISSING_FIXES, MOST_BACK_OFF, NORMAL_GAIN, REPLACED_S, SLOWEST_S,
@@ -165,6 +165,17 @@ pub enum Standing {
     Displaced,
 }
 
+/// A slow lie.
+#[derive(Clone, Copy, Debug, Default)]
+struct WalkedAway {
+    /// How far the receiver has walked, NE, m.
+    by_ne: Vector2<f64>,
+    /// By how much it may wander in that time without walking, m.
+    spread_m: f64,
+    /// What the estimate has followed of it, NE, m.
+    led_ne: Vector2<f64>,
+}
+
 /// Judges one receiver.
 #[derive(Clone, Debug)]
 pub struct GnssIntegrity {
@@ -176,7 +187,7 @@ pub struct GnssIntegrity {
     last_bad: Option<(AutopilotTime, GnssFault)>,
     track: DopplerTrack,
     frozen: FrozenFixes,
-    walked_ne: Vector2<f64>,
+    walked: WalkedAway,
     height_faulty: bool,
     /// Mean square velocity innovation of good fixes, m²/s².
     velocity_ms: f64,
@@ -199,7 +210,7 @@ impl GnssIntegrity {
             last_bad: None,
             track: DopplerTrack::new(),
             frozen: FrozenFixes::default(),
-            walked_ne: Vector2::zeros(),
+            walked: WalkedAway::default(),
             height_faulty: false,
             velocity_ms: 0.1,
             interval_s: 0.0,
@@ -272,7 +283,8 @@ impl GnssIntegrity {
             return Err(GnssFault::Frozen);
         }
         if motion == TrackMotion::RanAway {
-            self.walked_ne = self.track.run_away();
+            let away = self.track.run_away();
+            self.walks(away.gap_ne, away.spread_m);
             return Err(GnssFault::Inconsistent);
         }
         if motion == TrackMotion::Stepped || self.trusted() && self.track.displaced().is_some() {
@@ -440,23 +452,40 @@ impl GnssIntegrity {
 
     /// How far a slow lie has led so far, NE, m.
     pub fn walked(&self) -> Vector2<f64> {
-        self.walked_ne
+        self.walked.by_ne
     }
 
-    /// How far its positions are from where its velocities lead at present, NE, m.
-    pub(in super::super) fn wander(&self) -> Vector2<f64> {
+    /// How far that has led the estimate, NE, m: a filter follows positions slowly, and is not wrong by all that they have walked.
+    pub fn led(&self) -> Vector2<f64> {
+        self.walked.led_ne
+    }
+
+    /// A slow lie is found when its fix lies `apart_ne` m from the estimate: so far it has not been followed.
+    pub(in super::super) fn leads(&mut self, apart_ne: &Vector2<f64>) {
+        let by_ne = self.walked.by_ne;
+        let along = apart_ne.dot(&by_ne) / by_ne.norm_squared().max(1e-6);
+        self.walked.led_ne = by_ne * (1.0 - along).clamp(0.0, 1.0);
+    }
+
+    /// How well it is known how far the slow lie has led, m.
+    pub fn walked_spread_m(&self) -> f64 {
+        self.walked.spread_m
+    }
+
+    /// How far its positions are from where its velocities lead at present.
+    pub(in super::super) fn wander(&self) -> TrackWander {
         self.track.wander()
     }
 
     /// Whether a receiver beside it has moved from its own velocities as this one has, which is not trusted for that.
-    pub(in super::super) fn walks_with(&self, wander_ne: &Vector2<f64>) -> bool {
+    pub(in super::super) fn walks_with(&self, other: &TrackWander) -> bool {
         self.state == GnssState::Untrusted(GnssFault::Inconsistent)
-            && wander_ne.dot(&self.walked_ne) > 0.5 * self.walked_ne.norm_squared()
+            && other.gap_ne.dot(&self.walked.by_ne) > 0.5 * self.walked.by_ne.norm_squared()
     }
 
-    /// Another witness has found that it walks off, and has walked so far, NE, m.
-    pub fn walks(&mut self, walked_ne: Vector2<f64>) {
-        self.walked_ne = walked_ne;
+    /// Another witness has found that it walks off, and has walked so far, NE, m, as well as that is known, m.
+    pub fn walks(&mut self, walked_ne: Vector2<f64>, spread_m: f64) {
+        self.walked = WalkedAway { by_ne: walked_ne, spread_m, led_ne: walked_ne };
     }
 
     /// The height of the fixes is declared faulty, or is not any more. A receiver that is wrong about one axis is trusted less about the

@@ -4,10 +4,13 @@
 //! receiver was wrong before or is now. Where it was seen to jump, by j, drift explains nothing as long as it is nearer to where it jumped to than to
 //! where it was, and r is no less than j. It is followed, for it may be right, and r stays in what is claimed of the position: until it jumps back by
 //! the same, and forgotten as errors of receivers are, over minutes.
+//!
+//! Where the receiver's velocity and inertia part, and it is not the receiver's that was seen to step, one of the two is wrong and nobody knows which: while that
+//! is so the estimate, which goes on with one of them, may be off by all that they are apart.
 
 use nalgebra::Vector2;
 
-use crate::navigator::tuning::unexplained::{EXPLAINED_SIGMAS, FORGOTTEN_S};
+use crate::navigator::tuning::unexplained::{EXPLAINED_SIGMAS, FORGOTTEN_S, PARTS_FOR_S};
 use crate::time::AutopilotTime;
 
 /// See the module's documentation.
@@ -19,6 +22,15 @@ pub(in super::super) struct Unexplained {
     jumped_m: Option<f64>,
     /// When its positions were furthest from where its velocities lead, as far as that is not forgotten, and by how much, NE, m.
     wandered: Option<(AutopilotTime, Vector2<f64>)>,
+    disputed: Option<Parting>,
+}
+
+/// A receiver and inertia that have parted: when that was seen last, by how much, NE, m, and how fast they part, m/s.
+#[derive(Clone, Copy, Debug)]
+struct Parting {
+    seen: AutopilotTime,
+    apart_ne: Vector2<f64>,
+    velocity_mps: f64,
 }
 
 impl Unexplained {
@@ -29,6 +41,7 @@ impl Unexplained {
 
     /// The receiver is believed again, `apart_ne` m from a dead reckoning that claimed `sigma_m`.
     pub(in super::super) fn came_back(&mut self, now: AutopilotTime, apart_ne: &Vector2<f64>, sigma_m: f64) {
+        self.settled();
         let apart_m = apart_ne.norm();
         let drifted = beyond(apart_m, EXPLAINED_SIGMAS * sigma_m);
         let jumped = self.jumped_m.take().filter(|jump| apart_m > 0.5 * jump);
@@ -38,19 +51,62 @@ impl Unexplained {
         }
     }
 
-    /// A receiver that is navigated on is `wander_ne` m from where its own velocities lead, and claims `sigma_m`. One of the two is wrong, and the estimate
-    /// follows the positions: what the claim does not explain may be its error.
-    pub(in super::super) fn wanders(&mut self, now: AutopilotTime, wander_ne: &Vector2<f64>, sigma_m: f64) {
-        let rest_m = beyond(wander_ne.norm(), sigma_m);
+    /// A receiver that is navigated on is `wander_m` m from where its own velocities lead, towards `towards_ne`, and claims `sigma_m`. One of the two is wrong, and the
+    /// estimate follows the positions: what the claim does not explain may be its error.
+    pub(in super::super) fn wanders(
+        &mut self,
+        now: AutopilotTime,
+        towards_ne: &Vector2<f64>,
+        wander_m: f64,
+        sigma_m: f64,
+    ) {
+        let rest_m = beyond(wander_m, sigma_m);
         let wandered = left(self.wandered, now).norm();
         if rest_m.is_finite() && rest_m > wandered {
-            self.wandered = Some((now, wander_ne.normalize() * rest_m));
+            self.wandered = Some((now, towards_ne.normalize() * rest_m));
         }
     }
 
     /// What it had wandered was taken back.
     pub(in super::super) fn undone(&mut self) {
         self.wandered = None;
+    }
+
+    /// What it had wandered was taken back, `by_ne` m, and how far that was is known to `spread_m` m.
+    pub(in super::super) fn taken_back(&mut self, now: AutopilotTime, by_ne: &Vector2<f64>, spread_m: f64) {
+        let known = spread_m.is_finite() && by_ne.norm() > 0.0;
+        self.wandered = known.then(|| (now, by_ne.normalize() * spread_m));
+    }
+
+    /// A fix that inertia parts from is `apart_ne` m from the estimate, and its velocity `velocity_mps` m/s.
+    pub(in super::super) fn dispute(
+        &mut self,
+        seen: AutopilotTime,
+        apart_ne: &Vector2<f64>,
+        velocity_mps: f64,
+    ) {
+        if apart_ne.norm().is_finite() && velocity_mps.is_finite() {
+            self.disputed = Some(Parting { seen, apart_ne: *apart_ne, velocity_mps });
+        }
+    }
+
+    /// Whether a dispute goes on.
+    pub(in super::super) fn is_disputed(&self) -> bool {
+        self.disputed.is_some()
+    }
+
+    /// Somebody was found wrong, or they agree again.
+    pub(in super::super) fn settled(&mut self) {
+        self.disputed = None;
+    }
+
+    /// Variances of a component of the horizontal position and velocity by what is in dispute, m² and (m/s)²: it goes on for as long as a fix may be missing,
+    /// and is forgotten as the rest is when none comes.
+    pub(in super::super) fn disputed(&self, now: Option<AutopilotTime>) -> [f64; 2] {
+        let Some((d, now)) = self.disputed.zip(now) else { return [0.0; 2] };
+        let parting_m = d.velocity_mps * now.seconds_since(d.seen).clamp(0.0, PARTS_FOR_S);
+        let kept = left(Some((d.seen, d.apart_ne)), now).norm();
+        [0.5 * (kept + parting_m).powi(2), 0.5 * d.velocity_mps.powi(2)]
     }
 
     /// Variance of a component of the horizontal position, m².
@@ -118,14 +174,44 @@ mod tests {
     fn who_wanders_is_doubted_as_far_as_he_has_gone_at_most_until_it_is_taken_back() {
         let mut u = Unexplained::default();
         let gone = Vector2::new(3.0, -4.0);
-        u.wanders(at(0.0), &gone, 5.0);
+        u.wanders(at(0.0), &gone, 5.0, 5.0);
         assert_eq!(sigma(&u, 0.0), 0.0, "it claims no more");
-        u.wanders(at(1.0), &gone, 3.0);
+        u.wanders(at(1.0), &gone, 5.0, 3.0);
         assert!((sigma(&u, 1.0) - 4.0).abs() < 1e-9);
-        u.wanders(at(2.0), &(gone * 0.5), 0.0);
-        u.wanders(at(3.0), &Vector2::repeat(f64::NAN), 0.0);
+        u.wanders(at(2.0), &gone, 2.5, 0.0);
+        u.wanders(at(3.0), &gone, f64::NAN, 0.0);
         assert!((3.9..4.0).contains(&sigma(&u, 3.0)), "what was less or is no number changes nothing");
         u.undone();
         assert_eq!(sigma(&u, 3.0), 0.0);
+    }
+
+    #[test]
+    fn what_was_taken_back_is_known_as_well_as_the_walk_was() {
+        let mut u = Unexplained::default();
+        let gone = Vector2::new(3.0, -4.0);
+        u.wanders(at(0.0), &gone, 5.0, 1.0);
+        u.taken_back(at(0.0), &gone, 2.0);
+        assert!((sigma(&u, 0.0) - 2.0).abs() < 1e-9);
+        u.taken_back(at(0.0), &Vector2::zeros(), f64::NAN);
+        assert_eq!(sigma(&u, 0.0), 0.0);
+    }
+
+    #[test]
+    fn while_two_are_in_dispute_the_position_may_be_with_either_and_they_go_on_parting() {
+        let mut u = Unexplained::default();
+        let sigmas = |u: &Unexplained, s: f64| u.disputed(Some(at(s))).map(|square| (2.0 * square).sqrt());
+        assert_eq!(sigmas(&u, 0.0), [0.0; 2]);
+        u.dispute(at(1.0), &Vector2::new(6.0, 8.0), 5.0);
+        assert!((sigmas(&u, 1.0)[0] - 10.0).abs() < 1e-9 && (sigmas(&u, 1.0)[1] - 5.0).abs() < 1e-9);
+        assert!((sigmas(&u, 1.4)[0] - 12.0).abs() < 0.05, "{:?}", sigmas(&u, 1.4));
+        let silent = sigmas(&u, 30.0)[0];
+        assert!((15.0..17.5).contains(&silent), "no fix comes any more: {silent}");
+        u.dispute(at(2.0), &Vector2::repeat(f64::NAN), f64::NAN);
+        assert!(sigmas(&u, 2.0)[0].is_finite());
+        u.settled();
+        assert_eq!(sigmas(&u, 2.0), [0.0; 2]);
+        u.dispute(at(3.0), &Vector2::new(6.0, 8.0), 5.0);
+        u.came_back(at(4.0), &Vector2::new(6.0, 8.0), 9.0);
+        assert_eq!(sigmas(&u, 4.0), [0.0; 2]);
     }
 }

@@ -14,9 +14,9 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::usual::UsualSpread;
 use crate::navigator::tuning::velocity_step::{
-    BACK, BACK_S, CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_S, FIRM, HOLE_S, KNOWN, LEARN_S, LEARNED,
-    LEAST_LED_M, LEAST_MPS, LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S, SAMPLES,
-    SPACING_S, SPREAD, START_NOISE_MPS, WINDOW_S, YOUNGEST_S,
+    AT_ONCE, BACK, BACK_S, CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_S, FIRM, HOLE_S, KNOWN, LEARN_S, LEARNED,
+    LEAST_LED_M, LEAST_MPS, LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S, ONCE_S, PARTED_S,
+    SAMPLES, SPACING_S, SPREAD, START_NOISE_MPS, WINDOW_S, YOUNGEST_S,
 };
 use crate::time::{AutopilotTime, Span};
 
@@ -79,6 +79,8 @@ pub(in super::super) struct VelocitySteps {
     epoch: u32,
     /// Variance of d on an axis, (m/s)².
     noise: f64,
+    /// How often it was seen.
+    looks: u32,
     usual: UsualSpread,
     learned: u32,
     learn_due: Option<AutopilotTime>,
@@ -96,6 +98,7 @@ impl VelocitySteps {
             felt: Vec::with_capacity(SAMPLES),
             epoch: 0,
             noise: START_NOISE_MPS * START_NOISE_MPS,
+            looks: 0,
             usual: UsualSpread::expecting(SPREAD, FIRM),
             learned: 0,
             learn_due: None,
@@ -119,6 +122,19 @@ impl VelocitySteps {
     /// For how long something has been in doubt, s, and the step that is, m/s.
     pub(in super::super) fn doubted(&self, now: AutopilotTime) -> Option<(f64, f64)> {
         self.doubt.map(|d| (now.seconds_since(d.since), d.step.norm()))
+    }
+
+    /// Whether it was the receiver's velocity that parted from inertia: most of what they are apart came between two fixes, and not little by little, as an IMU that
+    /// goes wrong leads away. Fixes that come slowly do not tell that before the next one shows whether it goes on.
+    pub(in super::super) fn parted_at_once(&self) -> bool {
+        let Some(last) = self.felt.last() else { return false };
+        let recent = |f: &&FixWithImpulse| last.time.seconds_since(f.time) < PARTED_S;
+        let Some(first) = self.felt.iter().find(recent) else { return false };
+        let parted = (last.difference - first.difference).norm();
+        self.felt.windows(2).filter(|pair| recent(&&pair[0])).any(|pair| {
+            let at_once = pair[1].time.seconds_since(pair[0].time) < ONCE_S || pair[1].time < last.time;
+            at_once && (pair[1].difference - pair[0].difference).norm() > AT_ONCE * parted
+        })
     }
 
     /// Another witness has seen that it is no lie.
@@ -176,10 +192,13 @@ impl VelocitySteps {
         let Some((step, kink, plain)) = self.fit(s.time) else { return };
         let noise = self.noise.max(LEAST_NOISE_MPS * LEAST_NOISE_MPS);
         let square = step.gain / noise;
-        let looks_like_it =
-            self.learned >= LEARNED && step.size.norm() > LEAST_MPS && (step.gain - kink) / noise > CLEAR_OF;
+        let looks_like_it = step.size.norm() > LEAST_MPS && (step.gain - kink) / noise > CLEAR_OF;
         let begun = VelocityLie { since: step.since, step: step.size };
-        if looks_like_it && step.left < LEAVES * step.gain && square > self.usual.limit(DECADES) {
+        if looks_like_it
+            && self.learned >= LEARNED
+            && step.left < LEAVES * step.gain
+            && square > self.usual.limit(DECADES)
+        {
             (self.lie, self.doubt) = (Some(begun), None);
             self.agrees_since = None;
             return;
@@ -193,7 +212,9 @@ impl VelocitySteps {
             self.doubt = Some(begun);
         }
         let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
-        self.noise += NOISE_GAIN * ((plain / degrees).min(9.0 * noise) - self.noise);
+        self.looks = self.looks.saturating_add(1);
+        let gain = NOISE_GAIN.max(1.0 / f64::from(self.looks + 1));
+        self.noise += gain * ((plain / degrees).min(9.0 * noise) - self.noise);
         if self.learn_due.is_none_or(|due| s.time >= due) {
             self.learn_due = Some(s.time + Span::from_seconds(LEARN_S));
             self.learned = self.learned.saturating_add(1);
@@ -435,5 +456,28 @@ mod tests {
         assert!(!steps.is_shared_by(&Vector2::new(7.1, 0.0)));
         steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0) });
         assert!(steps.is_shared_by(&Vector2::new(7.1, 0.0)) && !steps.is_shared_by(&Vector2::new(5.1, 0.0)));
+    }
+
+    /// Fixes every `every_s`, of a vehicle at rest, that part from inertia by `parted` from 5 s on.
+    fn parts_at_once(every_s: f64, parted: impl Fn(f64) -> f64, until_s: f64) -> bool {
+        let mut steps = VelocitySteps::new();
+        let mut t = 0.0;
+        while t < until_s + 1e-9 {
+            let difference = Vector2::new(parted(t - 5.0), 0.02 * (37.0 * t).sin());
+            steps.felt.push(FixWithImpulse { time: at(t), difference, velocity: difference });
+            t += every_s;
+        }
+        steps.parted_at_once()
+    }
+
+    #[test]
+    fn a_receiver_steps_from_one_fix_to_the_next_and_an_imu_leads_away() {
+        let steps = |t: f64| if t > -1e-9 { 3.0 } else { 0.0 };
+        let leads = |t: f64| 2.0 * t.max(0.0).powi(2);
+        assert!(parts_at_once(0.2, steps, 5.0) && parts_at_once(0.2, steps, 6.0));
+        assert!(!parts_at_once(0.2, leads, 6.0) && !parts_at_once(0.2, leads, 7.0));
+        assert!(!parts_at_once(1.0, steps, 5.0), "once a second the first does not tell yet");
+        assert!(parts_at_once(1.0, steps, 6.0));
+        assert!(!parts_at_once(1.0, leads, 6.0) && !parts_at_once(1.0, leads, 8.0));
     }
 }

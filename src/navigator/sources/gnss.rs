@@ -333,10 +333,12 @@ pub(in super::super) fn expectation(reading: &FixReading, context: &Context<'_>)
     let doubtful = core.estimator.speed_sigma().is_some_and(|sigma| sigma > DOUBTFUL_MPS);
     if core.dead_reckoning() || doubtful {
         let (p, v) = core.covariances(facts);
-        let position = (p[(0, 0)] + p[(1, 1)]).max(0.0);
+        // What is in dispute is no reason to believe the receiver sooner.
+        let [apart, parting] = core.disputed(facts);
+        let position = (p[(0, 0)] + p[(1, 1)] - 2.0 * apart).max(0.0);
         expected.position_sigma_m = position.sqrt().hypot(expected.position_sigma_m);
         expected.velocity_sigma_mps =
-            (v[(0, 0)] + v[(1, 1)]).max(0.0).sqrt().hypot(expected.velocity_sigma_mps);
+            (v[(0, 0)] + v[(1, 1)] - 2.0 * parting).max(0.0).sqrt().hypot(expected.velocity_sigma_mps);
         expected.drift_sigma_m = (position - 2.0 * facts.gnss_sigma_m.powi(2)).max(0.0).sqrt();
     }
     expected

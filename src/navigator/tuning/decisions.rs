@@ -98,6 +98,13 @@ pub(in crate::navigator) mod doppler_track {
     pub(in crate::navigator) const SLACK_S: f64 = 0.25;
     /// And their latency varies by this much, s: of the greatest change of the velocity since.
     pub(in crate::navigator) const JITTER_S: f64 = 0.1;
+    /// Less is, where the receiver's own changes of velocity, beyond this, m/s, have shown less: what is expected of it, s and m, and the limit of what is usual.
+    pub(in crate::navigator) const CHANGES_MPS: f64 = 4.0;
+    pub(in crate::navigator) const DELAY_S: f64 = 0.1;
+    pub(in crate::navigator) const TURNING_M: f64 = 2.0;
+    pub(in crate::navigator) const DELAY_DECADES: f64 = 3.0;
+    /// And of what is likely.
+    pub(in crate::navigator) const LIKELY_DECADES: f64 = 1.0;
     /// The same from fix to fix: what is expected, m; how many count; and below this it is no step, m: multipath comes and goes.
     pub(in crate::navigator) const STEP_SIGMA_M: f64 = 0.5;
     pub(in crate::navigator) const STEP_MEMORY: f64 = 100.0;
@@ -127,6 +134,8 @@ pub(in crate::navigator) mod unexplained {
     pub(in crate::navigator) const EXPLAINED_SIGMAS: f64 = 2.0;
     /// What is beyond is forgotten in this time, s: multipath and satellites change over some minutes.
     pub(in crate::navigator) const FORGOTTEN_S: f64 = 300.0;
+    /// What is in dispute goes on parting for so long after the last fix, s.
+    pub(in crate::navigator) const PARTS_FOR_S: f64 = 1.5;
 }
 
 /// The flow's word on GNSS.
@@ -207,6 +216,10 @@ pub(in crate::navigator) mod velocity_step {
     pub(in crate::navigator) const DOUBT_S: f64 = 60.0;
     /// … and leaves no more than this part of what it explains: manoeuvres that are sampled badly leave more.
     pub(in crate::navigator) const LEAVES: f64 = 0.33;
+    /// Of what has parted within so long, s, a step is this part between two fixes that are no further apart than this, s.
+    pub(in crate::navigator) const PARTED_S: f64 = 3.0;
+    pub(in crate::navigator) const AT_ONCE: f64 = 0.6;
+    pub(in crate::navigator) const ONCE_S: f64 = 0.35;
     /// Slower it harms nobody soon, m/s: receivers' velocities are biased by as much.
     pub(in crate::navigator) const LEAST_MPS: f64 = 0.3;
     /// A lie is not let go in its first moments, m.

@@ -177,3 +177,17 @@ fn a_fix_has_to_be_one() {
     fix.fix = GnssFix::None;
     assert_eq!(t.admit(&fix), Err(GnssFault::NoFix));
 }
+
+#[test]
+fn a_walk_has_led_the_estimate_as_far_as_it_was_followed() {
+    let mut t = trusted_after(4.0);
+    let walked = Vector2::new(3.0, 4.0);
+    t.walks(walked, 0.5);
+    for (apart, led) in [(0.0, 1.0), (0.4, 0.6), (1.5, 0.0), (-0.5, 1.0)] {
+        t.leads(&(walked * apart + Vector2::new(-4.0, 3.0)));
+        assert!((t.led() - walked * led).norm() < 1e-9, "{apart}: {}", t.led());
+    }
+    t.walks(Vector2::zeros(), 0.0);
+    t.leads(&walked);
+    assert_eq!(t.led(), Vector2::zeros());
+}
