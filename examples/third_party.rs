@@ -55,7 +55,7 @@ fn main() -> Result<()> {
 fn dependencies(root: &Path, target: &str) -> Result<BTreeSet<Dependency>> {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let output = Command::new(cargo)
-        .args(["metadata", "--format-version=1", "--locked", "--filter-platform", target])
+        .args(["metadata", "--format-version=1", "--locked", "--all-features", "--filter-platform", target])
         .current_dir(root)
         .output()?;
     ensure!(output.status.success(), "cargo metadata: {}", String::from_utf8_lossy(&output.stderr));

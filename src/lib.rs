@@ -56,6 +56,7 @@ pub mod double;
 pub mod fault;
 mod files;
 pub mod filter;
+mod fleet;
 pub mod geo;
 pub mod landmark;
 pub mod log;

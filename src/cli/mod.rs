@@ -126,6 +126,9 @@ enum Failure {
     /// A log cannot be read.
     #[error("{0}")]
     Log(#[from] LogError),
+    /// None of several logs, or none of what was made of them, can be read.
+    #[error("{0}")]
+    Unreadable(String),
     /// A log (or vehicle) lacks what is needed.
     #[error("{0}")]
     Lacking(String),
@@ -146,7 +149,7 @@ impl Failure {
         match self {
             Failure::Other(_) => 1,
             Failure::Config(_) | Failure::Usage(_) => 2,
-            Failure::Log(_) => 3,
+            Failure::Log(_) | Failure::Unreadable(_) => 3,
             Failure::Lacking(_) => 4,
             Failure::Link(_) => 5,
             Failure::Faults(_) => 6,

@@ -12,8 +12,13 @@ const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Prints one line. Ends the process when it cannot.
 pub(super) fn line(text: fmt::Arguments<'_>) {
+    piece(format_args!("{text}\n"));
+}
+
+/// The same of what is not yet a line.
+pub(super) fn piece(text: fmt::Arguments<'_>) {
     let mut out = io::stdout().lock();
-    match out.write_fmt(text).and_then(|()| out.write_all(b"\n")) {
+    match out.write_fmt(text) {
         Ok(()) => {}
         Err(e) if e.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
         Err(e) => {
@@ -49,4 +54,9 @@ macro_rules! errln {
 /// `println!` without its panic.
 macro_rules! outln {
     ($($text:tt)*) => { $crate::cli::output::line(format_args!($($text)*)) };
+}
+
+/// `print!` without its panic.
+macro_rules! out {
+    ($($text:tt)*) => { $crate::cli::output::piece(format_args!($($text)*)) };
 }

@@ -5,12 +5,15 @@
 
 use std::fs::{self, File};
 use std::io::{self, Cursor, Read, Write};
-use std::os::unix::fs::{FileExt, FileTypeExt};
+use std::os::unix::fs::{FileExt, FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use sha2::{Digest, Sha256};
+
 use super::error::LogError;
 use super::format;
+use super::remote::RemoteLog;
 use super::source;
 
 /// The name that stands for standard input.
@@ -31,6 +34,7 @@ pub struct LogFile {
 enum Held {
     Memory(Arc<[u8]>),
     File(Arc<File>, u64),
+    Elsewhere(Arc<dyn RemoteLog>),
 }
 
 impl LogFile {
@@ -81,6 +85,45 @@ impl LogFile {
         Ok(Self { path, held: Some(Held::File(Arc::new(file), len)) })
     }
 
+    /// A log that is brought here when it is opened.
+    pub fn remote(name: &Path, log: Arc<dyn RemoteLog>) -> Self {
+        Self { path: name.to_owned(), held: Some(Held::Elsewhere(log)) }
+    }
+
+    /// The same, here.
+    ///
+    /// # Errors
+    /// As [`LogFile::of`].
+    pub(super) fn brought(self) -> Result<Self, LogError> {
+        let Some(Held::Elsewhere(log)) = &self.held else { return Ok(self) };
+        let bytes = log.open().map_err(|source| LogError::Io { path: self.path.clone(), source })?;
+        Self::of(&self.path, bytes)
+    }
+
+    /// What tells it from another log of this name: size and time of the last change, or what whoever has it says; of what came only once, its
+    /// content.
+    ///
+    /// # Errors
+    /// [`LogError::Io`].
+    pub fn identity(&self) -> Result<String, LogError> {
+        let identity = match &self.held {
+            None => fs::metadata(&self.path)
+                .map(|meta| format!("{} bytes, {}.{:09}", meta.len(), meta.mtime(), meta.mtime_nsec())),
+            Some(Held::Elsewhere(log)) => log.identity(),
+            Some(_) => self.open().and_then(|mut bytes| {
+                let mut digest = Sha256::new();
+                let mut piece = vec![0; 1 << 16];
+                loop {
+                    match bytes.read(&mut piece)? {
+                        0 => return Ok(format!("{:?}", digest.finalize())),
+                        n => digest.update(&piece[..n]),
+                    }
+                }
+            }),
+        };
+        identity.map_err(|source| LogError::Io { path: self.path.clone(), source })
+    }
+
     /// What it is called.
     pub fn path(&self) -> &Path {
         &self.path
@@ -94,6 +137,7 @@ impl LogFile {
         match &self.held {
             Some(Held::Memory(bytes)) => Ok(bytes.len() as u64),
             Some(Held::File(_, len)) => Ok(*len),
+            Some(Held::Elsewhere(_)) => self.clone().brought()?.len(),
             None => {
                 let meta = fs::metadata(&self.path)
                     .map_err(|source| LogError::Io { path: self.path.clone(), source })?;
@@ -113,6 +157,7 @@ impl LogFile {
         Ok(match &self.held {
             Some(Held::Memory(bytes)) => Box::new(Cursor::new(Arc::clone(bytes))),
             Some(Held::File(file, _)) => Box::new(FromStart { file: Arc::clone(file), at: 0 }),
+            Some(Held::Elsewhere(log)) => log.open()?,
             None => Box::new(File::open(&self.path)?),
         })
     }

@@ -11,6 +11,7 @@ mod folder;
 mod format;
 mod intake;
 pub mod parameters;
+mod remote;
 mod row;
 mod source;
 pub mod stretches;
@@ -25,6 +26,7 @@ pub use file::LogFile;
 pub use folder::logs_in;
 pub use format::LogFormat;
 pub use parameters::Parameters;
+pub use remote::RemoteLog;
 
 use crate::sample::Input;
 use crate::wire::clock::AutopilotClock;
@@ -98,6 +100,7 @@ impl Log {
     /// # Errors
     /// [`LogError`].
     pub fn of(file: LogFile, system: Option<SystemId>) -> Result<Self, LogError> {
+        let file = file.brought()?;
         let path = file.path();
         let io_error = |source| LogError::Io { path: path.to_owned(), source };
         let len = file.len()?;

@@ -5,7 +5,7 @@
 //! heard of it.
 
 use nalgebra::Vector3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::geo::{Geodetic, LocalNed};
 use crate::log::{Log, LogError};
@@ -21,7 +21,7 @@ pub const LEAST_S: f64 = 5.0;
 const CURRENT_S: f64 = 1.0;
 
 /// A loss that is in the log.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LossRow {
     /// When the last fix before it was, s since the first sample.
     pub start_s: f64,

@@ -1,7 +1,7 @@
 //! A log through the pipeline, scored.
 
 use nalgebra::Vector3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::fault::{InjectedFault, Injector};
 use crate::metrics::outage::{OutageReport, OutageScore};
@@ -18,13 +18,28 @@ use crate::log::stretches::Stretches;
 use crate::log::{Log, LogError, LogSummary};
 
 /// What the solution is compared with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ReferenceKind {
     /// The simulator's truth.
     Truth,
     /// GNSS, masked or not.
     Gnss,
+}
+
+impl ReferenceKind {
+    /// What it is called in files.
+    pub const fn label(self) -> &'static str {
+        match self {
+            ReferenceKind::Truth => "truth",
+            ReferenceKind::Gnss => "gnss",
+        }
+    }
+
+    /// The one of that name.
+    pub fn of(label: &str) -> Option<Self> {
+        [ReferenceKind::Truth, ReferenceKind::Gnss].into_iter().find(|r| r.label() == label)
+    }
 }
 
 /// A mode change.

@@ -1,6 +1,6 @@
 //! Outages slid over a flight. The navigation with GNSS is run once; at every outage's start a copy of it goes on without.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::log::stretches::Stretches;
 use crate::log::{Log, LogError};
@@ -11,7 +11,7 @@ use crate::sample::{Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
 
 /// One outage, scored.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SweepRow {
     /// Length, s.
     pub length_s: f64,
@@ -50,6 +50,8 @@ pub struct Survey {
     pub imu: Stretches,
     /// The longest time between two fixes, s.
     pub longest_loss_s: f64,
+    /// From the first sample to the last, s.
+    pub duration_s: Option<f64>,
 }
 
 /// Height and speed of whoever tells them, on the way to a [`Survey`].
@@ -85,6 +87,7 @@ pub fn survey(log: &Log) -> Result<Survey, LogError> {
                 _ => return,
             };
             let t = time.seconds_since(*start.get_or_insert(time));
+            survey.duration_s = Some(survey.duration_s.map_or(t, |s| s.max(t)));
             match item {
                 Input::Sample(Sample::Gnss(g)) => {
                     let Some(p) = g.position else { return };

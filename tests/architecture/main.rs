@@ -71,6 +71,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         ],
     ),
     ("report", &["altimeter", "geo", "metrics", "navigator", "replay", "sample", "time"]),
+    ("fleet", &["files", "log", "replay"]),
     (
         "daemon",
         &[
@@ -99,6 +100,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "double",
             "fault",
             "files",
+            "fleet",
             "geo",
             "log",
             "metrics",

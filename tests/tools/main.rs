@@ -13,9 +13,12 @@ mod cli;
 mod docs;
 mod drawing;
 mod files;
+mod fleet;
 mod flights;
 mod marker_log;
 mod preflight;
 mod report;
 mod simulate;
 mod stand_in;
+#[cfg(feature = "object-store")]
+mod stores;
