@@ -141,7 +141,7 @@ fn evaluate(server: &Server, more: &[&str]) -> Ran {
 }
 
 fn flight() -> Vec<u8> {
-    bytes_of(&records(COPTER, 0.0, 100.0))
+    bytes_of(&records(COPTER, 0.0, 110.0))
 }
 
 #[test]
