@@ -305,12 +305,12 @@ fn write_column<'a>(
 fn told(batch: &Provenance, shard: Shard) -> [(&'static str, String); 6] {
     let lengths: Vec<String> = batch.lengths_s.iter().map(f64::to_string).collect();
     [
-        ("holdover.key", batch.key.clone()),
-        ("holdover.lengths_s", lengths.join(",")),
-        ("holdover.program", batch.program.clone()),
-        ("holdover.logs", batch.logs.to_string()),
-        ("holdover.list", batch.list.clone()),
-        ("holdover.shard", shard.to_string()),
+        ("evaluation.key", batch.key.clone()),
+        ("evaluation.lengths_s", lengths.join(",")),
+        ("evaluation.program", batch.program.clone()),
+        ("evaluation.logs", batch.logs.to_string()),
+        ("evaluation.list", batch.list.clone()),
+        ("evaluation.shard", shard.to_string()),
     ]
 }
 
@@ -321,15 +321,15 @@ fn belonging(pairs: &[KeyValue]) -> Result<(Provenance, Shard), String> {
         value.ok_or_else(|| format!("{key} is missing"))
     };
     let bad = |key: &str| format!("{key} cannot be read");
-    let lengths: Option<Vec<f64>> = told("holdover.lengths_s")?.split(',').map(|l| l.parse().ok()).collect();
+    let lengths: Option<Vec<f64>> = told("evaluation.lengths_s")?.split(',').map(|l| l.parse().ok()).collect();
     let batch = Provenance {
-        key: told("holdover.key")?,
-        lengths_s: lengths.ok_or_else(|| bad("holdover.lengths_s"))?,
-        program: told("holdover.program")?,
-        logs: told("holdover.logs")?.parse().map_err(|_| bad("holdover.logs"))?,
-        list: told("holdover.list")?,
+        key: told("evaluation.key")?,
+        lengths_s: lengths.ok_or_else(|| bad("evaluation.lengths_s"))?,
+        program: told("evaluation.program")?,
+        logs: told("evaluation.logs")?.parse().map_err(|_| bad("evaluation.logs"))?,
+        list: told("evaluation.list")?,
     };
-    let shard = told("holdover.shard")?.parse().map_err(|_| bad("holdover.shard"))?;
+    let shard = told("evaluation.shard")?.parse().map_err(|_| bad("evaluation.shard"))?;
     Ok((batch, shard))
 }
 
