@@ -321,7 +321,8 @@ fn belonging(pairs: &[KeyValue]) -> Result<(Provenance, Shard), String> {
         value.ok_or_else(|| format!("{key} is missing"))
     };
     let bad = |key: &str| format!("{key} cannot be read");
-    let lengths: Option<Vec<f64>> = told("evaluation.lengths_s")?.split(',').map(|l| l.parse().ok()).collect();
+    let lengths: Option<Vec<f64>> =
+        told("evaluation.lengths_s")?.split(',').map(|l| l.parse().ok()).collect();
     let batch = Provenance {
         key: told("evaluation.key")?,
         lengths_s: lengths.ok_or_else(|| bad("evaluation.lengths_s"))?,
