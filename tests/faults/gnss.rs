@@ -135,3 +135,53 @@ fn accused(log: &Path) -> Option<Value> {
     };
     report["events"].as_array().unwrap().iter().find(of_gnss).cloned()
 }
+
+/// What a fault makes of the published horizontal position, m, and its sigma, m, from `from_s` on, by time, s.
+fn led_astray(name: &str, fault: &str, from_s: f64) -> Vec<(f64, f64, f64)> {
+    let log = sitl_log(name);
+    let solution = |more: &[&str]| {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().to_str().unwrap();
+        holdover(&[&["replay", log.to_str().unwrap(), "--json", "--out", out], more].concat()).json();
+        let mut csv = csv::Reader::from_path(folder.path().join("solution.csv")).unwrap();
+        let rows = csv.deserialize::<std::collections::HashMap<String, String>>().map(Result::unwrap);
+        let number =
+            |row: &std::collections::HashMap<String, String>, key: &str| row[key].parse::<f64>().unwrap();
+        let columns = ["north_m", "east_m", "sigma_horizontal_m"];
+        rows.map(|row| (row["t_s"].clone(), columns.map(|key| number(&row, key))))
+            .collect::<std::collections::BTreeMap<_, _>>()
+    };
+    let (sound, faulty) = (solution(&[]), solution(&["--fault", fault]));
+    let both = faulty.iter().filter_map(|(t_s, f)| Some((t_s.parse::<f64>().unwrap(), sound.get(t_s)?, f)));
+    let after = both.filter(|(t_s, ..)| *t_s >= from_s);
+    after.map(|(t_s, s, f)| (t_s, f64::hypot(f[0] - s[0], f[1] - s[1]), f[2])).collect()
+}
+
+#[test]
+fn while_an_imu_that_lies_and_a_receiver_part_the_claim_covers_both() {
+    // The roll gyro turns its sign; whichever of the two is believed at first, the error has no more than its sigmas.
+    for (name, from_s) in [("ardupilot-copter-gps-loss", 362.3), ("px4-quad-gps-loss", 366.7)] {
+        let rows = led_astray(name, &format!("gyro.x:flip@{from_s}..{}", from_s + 60.0), from_s);
+        assert!(
+            rows.len() > 300 && rows.iter().any(|(_, apart_m, _)| *apart_m > 10.0),
+            "{name}: it does harm"
+        );
+        for (t_s, apart_m, sigma_m) in rows {
+            assert!(apart_m < 3.0 * sigma_m + 1.0, "{name} at {t_s} s: {apart_m} m off, {sigma_m} m claimed");
+        }
+    }
+}
+
+#[test]
+fn what_a_walk_has_led_to_is_taken_back_and_no_more() {
+    for from_s in [114.5, 238.4, 362.3] {
+        let fault = format!("gnss:walk=0.5@{from_s}..{}", from_s + 60.0);
+        let rows = led_astray("ardupilot-copter-gps-loss", &fault, from_s);
+        let within = rows.iter().filter(|(t_s, ..)| *t_s < from_s + 60.0);
+        for (t_s, apart_m, sigma_m) in within {
+            assert!(*apart_m < 1.5 * sigma_m + 0.5, "at {t_s} s: {apart_m} m off, {sigma_m} m claimed");
+        }
+        let (_, apart_m, _) = rows.iter().find(|(t_s, ..)| *t_s > from_s + 40.0).unwrap();
+        assert!(*apart_m < 3.5, "{apart_m} m after it was taken back");
+    }
+}

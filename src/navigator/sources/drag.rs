@@ -288,4 +288,21 @@ mod tests {
         recalled.recall(f64::NAN);
         assert!((recalled.spread() - 1.0).abs() < 1e-12);
     }
+
+    #[test]
+    fn the_wind_that_testifies_is_some_seconds_old() {
+        let mut kept = KeptWind::default();
+        for k in 0..300 {
+            let t = 0.1 * f64::from(k);
+            kept.note(AutopilotTime::from_micros((t * 1e6) as i64), &Vector2::new(t, 0.0));
+            match kept.older {
+                None => assert!(t < WIND_KEPT_S + 0.2),
+                Some(wind) => assert!(
+                    (WIND_KEPT_S..2.0 * WIND_KEPT_S + 0.3).contains(&(t - wind.x + 0.1)),
+                    "{t} {wind}"
+                ),
+            }
+        }
+        assert!(kept.older.is_some());
+    }
 }
