@@ -53,6 +53,7 @@ pub mod cli;
 pub mod config;
 mod daemon;
 pub mod double;
+pub mod export;
 pub mod fault;
 mod files;
 pub mod filter;

@@ -6,6 +6,7 @@ mod output;
 mod autopilot;
 mod check;
 mod evaluate;
+mod export;
 mod inspect;
 mod jobs;
 mod key;
@@ -51,6 +52,8 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Fly a log again and show it: one page with plots of everything
     Report(report::ReportArgs),
+    /// Fly a log again and write it down for other programs: MCAP (Foxglove), CSV, Parquet
+    Export(export::ExportArgs),
     /// Slide outages over logs and tabulate the drift
     Evaluate(evaluate::EvaluateArgs),
     /// Put faults of every sensor into logs and tabulate what became of it
@@ -183,6 +186,7 @@ fn run(cli: Cli) -> Result<(), Failure> {
         Command::Preflight(args) => preflight::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Stress(args) => stress::run(&args),
         Command::Inspect(args) => inspect::run(&args),

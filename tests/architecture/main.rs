@@ -70,6 +70,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "wire",
         ],
     ),
+    ("export", &["files", "geo", "navigator", "replay", "sample", "time", "wire"]),
     ("report", &["altimeter", "geo", "metrics", "navigator", "replay", "sample", "time"]),
     ("fleet", &["files", "log", "replay"]),
     (
@@ -98,6 +99,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "config",
             "daemon",
             "double",
+            "export",
             "fault",
             "files",
             "fleet",

@@ -12,6 +12,7 @@ mod command;
 mod cli;
 mod docs;
 mod drawing;
+mod export;
 mod files;
 mod fleet;
 mod flights;
