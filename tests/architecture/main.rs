@@ -71,8 +71,8 @@ const ROOMS: &[(&str, &[&str])] = &[
         ],
     ),
     ("export", &["files", "geo", "navigator", "replay", "sample", "time", "wire"]),
-    ("report", &["altimeter", "geo", "metrics", "navigator", "replay", "sample", "time"]),
     ("fleet", &["files", "log", "replay"]),
+    ("report", &["altimeter", "fleet", "geo", "metrics", "navigator", "replay", "sample", "time"]),
     (
         "daemon",
         &[

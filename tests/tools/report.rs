@@ -359,3 +359,55 @@ fn a_page_is_small() {
     let known = known();
     assert!(known.page.len() < 1_500_000, "{}", known.page.len());
 }
+
+#[test]
+fn a_fleet_is_shown_with_its_distributions_and_its_worst_as_the_table_has_them_merged_or_not() {
+    let folder = tempdir().unwrap();
+    let log = write_log(folder.path(), "a&b.tlog", &bytes_of(&records(PX4, 0.0, 240.0)));
+    let short = write_log(folder.path(), "short.tlog", &bytes_of(&records(PX4, 0.0, 30.0)));
+    let (log, short) = (log.to_str().unwrap(), short.to_str().unwrap());
+    let of = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (one, merged, results) = (of("one.html"), of("merged.html"), of("results"));
+    let question = ["--lengths", "20,40", "--starts", "3"];
+    let told =
+        holdover(&[&["evaluate", log, short, "--json", "--report", &one][..], &question].concat()).json();
+    assert_eq!(
+        holdover(&[&["evaluate", log, short, "--out", &results][..], &question].concat()).code,
+        Some(0)
+    );
+    assert_eq!(holdover(&["evaluate", "--merge", &results, "--report", &merged]).code, Some(0));
+    let page = fs::read_to_string(&one).unwrap();
+    assert_eq!(page, fs::read_to_string(&merged).unwrap());
+
+    let mut errors: Vec<f64> = told["rows"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|r| r["estimator"] == "shipped" && r["length_s"] == 40.0)
+        .filter_map(|r| r["horizontal_error_end_m"].as_f64())
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    let n = errors.len() as f64;
+    let drawn = Drawing::of(&page, "Outages of 40 s");
+    let known: Vec<(f64, f64)> = std::iter::once((0.0, 0.0))
+        .chain(errors.iter().enumerate().map(|(i, e)| (*e, 100.0 * (i + 1) as f64 / n)))
+        .collect();
+    drawn.shows("shipped", &known);
+    let honest = Drawing::of(&page, "Errors over what was claimed").points("a normal distribution's");
+    assert!(honest.iter().all(|(k, part)| (part - 100.0 * (1.0 - (-k * k).exp())).abs() < 1.0));
+    // The worst leads to its flight's row, and says how to look at it.
+    assert!(page.contains("<a href=\"#log-0\">a&amp;b.tlog</a>") && page.contains("id=\"log-0\""));
+    let worst = told["rows"].as_array().unwrap().iter().filter(|r| r["estimator"] == "shipped");
+    let worst = worst.max_by(|a, b| {
+        let of = |r: &serde_json::Value| r["horizontal_error_end_m"].as_f64().unwrap_or(0.0);
+        of(a).total_cmp(&of(b))
+    });
+    let (start, length) =
+        (worst.unwrap()["start_s"].as_f64().unwrap(), worst.unwrap()["length_s"].as_f64().unwrap());
+    let command = format!("a&amp;b.tlog&#39; --outage {start:.1}..{:.1}</code>", start + length);
+    let table = page.split("look at it with").nth(1).unwrap();
+    // A short outage within a long one may end with the same error.
+    assert!(table.split("</tr>").skip(1).take(2).any(|row| row.contains(&command)), "{command}");
+    assert!(page.contains("no outage of these lengths fits"), "why a flight has no rows");
+    holdover(&["evaluate", log, "--out", &results, "--report", &one]).fails(2, &["--merge"]);
+}

@@ -13,8 +13,10 @@ use clap::Args;
 
 use crate::fleet::{self, LogFailure, LogOutcome, Recipe, Unusable};
 use crate::log::LogFile;
+use crate::report::FleetSheet;
 
 use super::logs;
+use super::report::PageFile;
 use super::{ConfigArgs, Failure, jobs, warn};
 
 use json::JsonPrinter;
@@ -49,6 +51,12 @@ pub struct EvaluateArgs {
     /// Print one JSON object and nothing else
     #[arg(long)]
     pub json: bool,
+    /// Write a page of all flights together: a row each, distributions, the worst
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Overwrite a page that is there
+    #[arg(long, requires = "report")]
+    pub force: bool,
     /// A CSV of somebody else's results on the same outages, to be shown beside ours; may be given several times
     #[arg(long, value_name = "FILE")]
     pub peer: Vec<PathBuf>,
@@ -81,7 +89,7 @@ pub struct FleetArgs {
 pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     let peers = PeerResults::read(&args.peer)?;
     if let Some(folder) = &args.fleet.merge {
-        return shards::merge(folder, args.json, &peers);
+        return shards::merge(folder, args, &peers);
     }
     if let Some(wrong) = args.lengths.iter().find(|l| !(l.is_finite() && **l > 0.0)) {
         return Err(Failure::Usage(format!("--lengths: {wrong} is not a length in seconds")));
@@ -91,10 +99,13 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     }
     let (question, recipe) = question(args)?;
     let logs = logs(args)?;
+    if args.fleet.out.is_some() && args.report.is_some() {
+        return Err(Failure::Usage("--report: a shard is no fleet; give it with --merge".into()));
+    }
     if let Some(folder) = &args.fleet.out {
         return shards::work(folder, args, &question, &recipe, &logs);
     }
-    let mut report = Report::new(args.json, &args.lengths, &peers);
+    let mut report = Report::new(args, &args.lengths, &peers)?;
     let mut waiting = BTreeMap::new();
     let mut next = 0;
     let inner = threads_a_log(args.jobs, logs.len());
@@ -167,16 +178,19 @@ struct Report<'a> {
     rows: u64,
     readable: u64,
     failures: Vec<(String, LogFailure)>,
+    page: Option<(PageFile, FleetSheet)>,
 }
 
 impl<'a> Report<'a> {
-    fn new(json: bool, lengths_s: &[f64], peers: &'a PeerResults) -> Self {
-        let printer = if json {
+    fn new(args: &EvaluateArgs, lengths_s: &[f64], peers: &'a PeerResults) -> Result<Self, Failure> {
+        let page = args.report.as_deref().map(|path| PageFile::create(path, args.force)).transpose()?;
+        let page = page.map(|page| (page, FleetSheet::default()));
+        let printer = if args.json {
             Printer::Json(JsonPrinter::new(peers))
         } else {
             Printer::Tables(Tables::new(lengths_s, peers))
         };
-        Self { printer, rows: 0, readable: 0, failures: Vec::new() }
+        Ok(Self { printer, rows: 0, readable: 0, failures: Vec::new(), page })
     }
 
     fn add(&mut self, outcome: &LogOutcome) -> Result<(), Failure> {
@@ -184,6 +198,9 @@ impl<'a> Report<'a> {
         let unreadable = outcome.failure.as_ref().is_some_and(|f| f.kind == Unusable::Unreadable);
         self.readable += u64::from(!unreadable);
         self.failures.extend(outcome.failure.clone().map(|f| (outcome.log.clone(), f)));
+        if let Some((_, sheet)) = &mut self.page {
+            sheet.add(outcome);
+        }
         match &mut self.printer {
             Printer::Tables(tables) => tables.add(outcome),
             Printer::Json(json) => json.add(outcome)?,
@@ -201,6 +218,9 @@ impl<'a> Report<'a> {
         if self.rows == 0 {
             let why = self.failures.iter().map(line).collect::<Vec<_>>().join("\n");
             return Err(if self.readable == 0 { Failure::Unreadable(why) } else { Failure::Lacking(why) });
+        }
+        if let Some((page, sheet)) = self.page {
+            page.text(&sheet.page())?;
         }
         match self.printer {
             Printer::Tables(tables) => tables.print(),

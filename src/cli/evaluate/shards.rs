@@ -126,9 +126,9 @@ fn tell(report: &ShardReport, json: bool) -> Result<(), Failure> {
 ///
 /// # Errors
 /// [`Failure::Unreadable`]; [`Failure::Lacking`] after all is shown, where shards are missing.
-pub(super) fn merge(folder: &Path, json: bool, peers: &PeerResults) -> Result<(), Failure> {
+pub(super) fn merge(folder: &Path, args: &EvaluateArgs, peers: &PeerResults) -> Result<(), Failure> {
     let merged = fleet::merged(folder)?;
-    let mut report = Report::new(json, &merged.batch.lengths_s, peers);
+    let mut report = Report::new(args, &merged.batch.lengths_s, peers)?;
     merged.each(|outcome| report.add(&outcome))?;
     let shown = report.finish();
     if merged.missing.is_empty() {
