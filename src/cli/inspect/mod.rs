@@ -1,5 +1,9 @@
 //! `holdover inspect`: what is in a log, which rates and gaps, and what Holdover can do with it.
 
+mod lag;
+mod outlook;
+mod sensors;
+
 use std::collections::BTreeMap;
 
 use clap::Args;
@@ -8,9 +12,14 @@ use serde::Serialize;
 use crate::config::Settings;
 use crate::log::stretches::Stretches;
 use crate::log::{Entry, Log, LogFile, LogSummary};
+use crate::navigator::solution::Mode;
 use crate::navigator::sources::landmarks::LandmarkSetup;
+use crate::replay::runner::Runner;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
+
+use outlook::OutlookReport;
+use sensors::{SensorReport, Sensors};
 
 use super::logs::LogArgs;
 use super::table::Table;
@@ -50,6 +59,10 @@ struct InspectReport {
     samples: Vec<KindReport>,
     imu_holes: Vec<HoleReport>,
     truth: bool,
+    /// What is to be said of each sensor.
+    sensors: Vec<SensorReport>,
+    /// What became of it when it was flown again, and how far off it would be without GNSS.
+    outlook: Option<OutlookReport>,
     can: Vec<String>,
     lacks: Option<String>,
     parameters: Vec<ParameterReport>,
@@ -120,16 +133,18 @@ pub fn lacking(heard: &[u64; SampleKind::ALL.len()], imu: &Stretches) -> Option<
 type MessageCounts = BTreeMap<(u8, u8, u32), (String, u64)>;
 
 /// What a log holds for the navigator.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 struct Contents {
     kinds: [Stretches; SampleKind::ALL.len()],
     truth: bool,
     airframe: Option<Airframe>,
+    sensors: Sensors,
     span: Option<(AutopilotTime, AutopilotTime)>,
 }
 
 impl Contents {
     fn note(&mut self, input: &Input) {
+        self.sensors.note(input);
         let time = match input {
             Input::Sample(s) => {
                 if !matches!(s, Sample::Gnss(g) if g.position.is_none()) {
@@ -192,6 +207,8 @@ fn report(
         samples: SampleKind::ALL.iter().map(kind).collect(),
         imu_holes: imu.shown().map(hole).collect(),
         truth: contents.truth,
+        sensors: contents.sensors.report(),
+        outlook: None,
         messages: messages
             .into_iter()
             .map(|((system, component, _), (message, count))| MessageReport {
@@ -224,15 +241,26 @@ fn one(file: &LogFile, settings: &Settings, json: bool) -> Result<(), Failure> {
     let log = Log::of(file.clone(), settings.system)?;
     let mut contents = Contents::default();
     let mut messages = MessageCounts::new();
+    let mut runner = Runner::new(&settings.pipeline, &[]);
+    runner.pipeline.follow(log.vehicle());
     let summary = log.play(
         |entry, _| {
             let sender = (entry.system, entry.component, entry.id);
             messages.entry(sender).or_insert_with(|| (name_of(entry), 0)).1 += 1;
         },
-        |_, input| contents.note(input),
+        |clock, input| {
+            contents.note(input);
+            runner.take(clock, input);
+            if let Some(solution) = runner.solution().filter(|s| s.mode != Mode::Aligning) {
+                contents.sensors.note_attitude(solution.time, solution.attitude);
+            }
+        },
     )?;
-    let report =
+    let mut report =
         report(&log, &summary, &contents, messages, settings.pipeline.navigator.landmarks.as_deref());
+    if report.lacks.is_none() {
+        report.outlook = Some(OutlookReport::of(&runner));
+    }
     if json {
         let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
         outln!("{text}");
@@ -301,10 +329,14 @@ fn print_report(r: &InspectReport, summary: &LogSummary) {
         outln!("  {remark}");
     }
     print_samples(r);
+    print_sensors(&r.sensors);
     outln!("\nWhat Holdover can do with it");
     match &r.lacks {
         Some(reason) => outln!("  nothing: {reason}"),
         None => r.can.iter().for_each(|c| outln!("  {c}")),
+    }
+    if let Some(outlook) = &r.outlook {
+        outlook.print();
     }
     if !r.parameters.is_empty() {
         outln!("\nParameters of the autopilot");
@@ -323,6 +355,20 @@ fn print_report(r: &InspectReport, summary: &LogSummary) {
         ]);
     }
     table.print();
+}
+
+fn print_sensors(sensors: &[SensorReport]) {
+    if !sensors.is_empty() {
+        outln!("\nSensors");
+    }
+    for sensor in sensors {
+        for (i, remark) in sensor.remarks.iter().enumerate() {
+            outln!("  {:<12}  {remark}", if i == 0 { sensor.sensor } else { "" });
+        }
+        if let Some(lag) = &sensor.lag {
+            outln!("  {:<12}  {lag}", "");
+        }
+    }
 }
 
 fn print_samples(r: &InspectReport) {

@@ -1,0 +1,75 @@
+//! What becomes of a log when it is flown again: whether the navigation aligns, and how far off it would be without GNSS.
+
+use serde::Serialize;
+
+use crate::navigator::event::EventKind;
+use crate::navigator::solution::Mode;
+use crate::replay::runner::Runner;
+
+/// How far off it would be after some time.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ExpectedError {
+    carried_by: &'static str,
+    after_s: f64,
+    error_m: f64,
+    times: u32,
+}
+
+/// See the module's documentation.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct OutlookReport {
+    /// When the navigation was aligned, s since the first sample; `None` if it never was.
+    aligned_at_s: Option<f64>,
+    /// What it waited for last, where it never was.
+    waiting_for: Option<String>,
+    /// Measured on this flight beside GNSS.
+    expected: Vec<ExpectedError>,
+    /// Latency of GNSS, s, as the navigation found it, with its standard deviation.
+    gnss_latency_s: [f64; 2],
+}
+
+impl OutlookReport {
+    /// Of a log that was played to its end.
+    pub(super) fn of(runner: &Runner) -> Self {
+        let events = runner.events();
+        let aligned = events.iter().find(|(_, e)| {
+            matches!(e.kind, EventKind::Mode { from: Mode::Aligning, to, .. } if to != Mode::Aligning)
+        });
+        let waiting = events.iter().rev().find(|(_, e)| matches!(e.kind, EventKind::Waits(_)));
+        let waiting_for = waiting.map(|(_, e)| e.kind.to_string()).filter(|_| aligned.is_none());
+        let navigator = &runner.pipeline.navigator;
+        let expected = navigator.measured_drift().into_iter().filter_map(|m| {
+            let error_m = m.error_m.filter(|_| m.times > 0)?;
+            Some(ExpectedError { carried_by: m.source.label(), after_s: m.after_s, error_m, times: m.times })
+        });
+        let (latency_s, sigma_s) = navigator.gnss_latency_s();
+        Self {
+            aligned_at_s: aligned.map(|(t, _)| *t),
+            waiting_for,
+            expected: expected.collect(),
+            gnss_latency_s: [latency_s, sigma_s],
+        }
+    }
+
+    pub(super) fn print(&self) {
+        match self.aligned_at_s {
+            Some(t) => outln!("  aligned after {t:.0} s"),
+            None => {
+                let why = self.waiting_for.as_deref().unwrap_or("nothing was heard that it could begin with");
+                outln!("  it never aligns: {why}");
+                return;
+            }
+        }
+        if self.expected.is_empty() {
+            outln!(
+                "  how far off it would be without GNSS was not measured: too little flight with good GNSS"
+            );
+        }
+        for e in &self.expected {
+            let ExpectedError { carried_by, after_s, error_m, times } = e;
+            outln!(
+                "  without GNSS, carried by {carried_by}: {error_m:.1} m off after {after_s:.0} s (measured {times} times on this flight)"
+            );
+        }
+    }
+}
