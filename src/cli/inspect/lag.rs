@@ -39,7 +39,7 @@ impl Integral {
         let start = *self.start.get_or_insert(time);
         if let Some((before, rate_before)) = self.last.replace((time, rate)) {
             let dt = time.seconds_since(before);
-            if !(dt > 0.0) {
+            if dt <= 0.0 {
                 return;
             }
             let (from, sum) = (before.seconds_since(start), self.sum);
@@ -60,7 +60,7 @@ impl Integral {
     /// Its value; `None` outside of what is kept.
     fn at(&self, time: AutopilotTime, earlier_s: f64) -> Option<Vector3<f64>> {
         let steps = (time.seconds_since(self.start?) - earlier_s) / STEP_S;
-        if !(steps >= 0.0) {
+        if steps < 0.0 {
             return None;
         }
         let (i, part) = (steps as usize, steps.fract());
@@ -71,7 +71,7 @@ impl Integral {
 
 /// Two samples that follow each other, what changed, and what the integral is turned into that by.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Change {
+pub(super) struct SensorChange {
     pub(super) from: AutopilotTime,
     pub(super) to: AutopilotTime,
     pub(super) by: Vector3<f64>,
@@ -82,18 +82,18 @@ pub(super) struct Change {
 /// The changes of one sensor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Changes {
-    pairs: Vec<Change>,
+    pairs: Vec<SensorChange>,
     seen: u64,
 }
 
 /// A lag that was found, s, with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub(super) struct Lag {
+pub(super) struct SensorLag {
     pub(super) late_s: f64,
     pub(super) sigma_s: f64,
 }
 
-impl fmt::Display for Lag {
+impl fmt::Display for SensorLag {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (late_ms, sigma_ms) = (1e3 * self.late_s, 1e3 * self.sigma_s);
         let how = if late_ms < 0.0 { "ahead of" } else { "behind" };
@@ -103,7 +103,7 @@ impl fmt::Display for Lag {
 
 impl Changes {
     /// Notes a change; of very many only some.
-    pub(super) fn add(&mut self, change: Change) {
+    pub(super) fn add(&mut self, change: SensorChange) {
         self.seen += 1;
         if self.pairs.len() < MOST_PAIRS {
             self.pairs.push(change);
@@ -132,7 +132,7 @@ impl Changes {
     }
 
     /// The lag that explains the changes best; `None` where none does: a vehicle that hardly moves shows nothing.
-    pub(super) fn lag(&self, of: &Integral) -> Option<Lag> {
+    pub(super) fn lag(&self, of: &Integral) -> Option<SensorLag> {
         let step_s = 2.0 * MOST_S / f64::from(STEPS);
         let lag_s = |i: i32| -MOST_S + f64::from(i) * step_s;
         let all: Vec<(f64, f64, usize)> =
@@ -150,13 +150,13 @@ impl Changes {
         }
         let (before, after) = (all[best - 1].0, all[best + 1].0);
         let bend = before - 2.0 * least + after;
-        if !(bend > 0.0) {
+        if bend <= 0.0 {
             return None;
         }
         let shift = 0.5 * (before - after) / bend;
         // The curvature of the sum of squares over what is left is the information on the lag.
         let sigma_s = step_s * (2.0 * least / (bend * n as f64)).sqrt();
-        Some(Lag { late_s: lag_s(best as i32) + shift * step_s, sigma_s: sigma_s.max(STEP_S / 4.0) })
+        Some(SensorLag { late_s: lag_s(best as i32) + shift * step_s, sigma_s: sigma_s.max(STEP_S / 4.0) })
     }
 }
 
@@ -189,7 +189,7 @@ mod tests {
             let (a, b) = (f64::from(i) * 0.2, f64::from(i + 1) * 0.2);
             let by = sum(b - late_s) - sum(a - late_s)
                 + Vector3::new(noise * (f64::from(i) * 7.7).sin(), 0.0, 0.0);
-            changes.add(Change { from: at(a), to: at(b), by, turned: None });
+            changes.add(SensorChange { from: at(a), to: at(b), by, turned: None });
         }
         changes
     }
@@ -210,7 +210,7 @@ mod tests {
         for i in 10..270 {
             let (a, b) = (f64::from(i) * 0.2, f64::from(i + 1) * 0.2);
             let by = Vector3::new((f64::from(i) * 12.9).sin(), (f64::from(i) * 78.2).cos(), 0.0);
-            noise.add(Change { from: at(a), to: at(b), by, turned: None });
+            noise.add(SensorChange { from: at(a), to: at(b), by, turned: None });
         }
         assert_eq!(noise.lag(&integral()), None);
         assert_eq!(Changes::default().lag(&integral()), None);
@@ -232,7 +232,7 @@ mod tests {
         for i in 10..550 {
             let (a, b) = (f64::from(i) * 0.1, f64::from(i + 1) * 0.1);
             let turned = Some((field(a) + field(b)) * 0.5);
-            changes.add(Change { from: at(a), to: at(b), by: field(b) - field(a), turned });
+            changes.add(SensorChange { from: at(a), to: at(b), by: field(b) - field(a), turned });
         }
         let lag = changes.lag(&integral).unwrap();
         assert!((lag.late_s - 0.1).abs() < 0.01, "{lag:?}");

@@ -166,6 +166,12 @@ impl Contents {
     }
 }
 
+fn message_reports(messages: MessageCounts) -> Vec<MessageReport> {
+    let report =
+        |((system, component, _), (message, count))| MessageReport { system, component, message, count };
+    messages.into_iter().map(report).collect()
+}
+
 fn report(
     log: &Log,
     summary: &LogSummary,
@@ -209,15 +215,7 @@ fn report(
         truth: contents.truth,
         sensors: contents.sensors.report(),
         outlook: None,
-        messages: messages
-            .into_iter()
-            .map(|((system, component, _), (message, count))| MessageReport {
-                system,
-                component,
-                message,
-                count,
-            })
-            .collect(),
+        messages: message_reports(messages),
         can: abilities(&heard, contents.truth, contents.airframe, landmarks),
         lacks: lacking(&heard, imu),
         parameters: summary

@@ -12,7 +12,7 @@ use crate::sample::{
 };
 use crate::time::AutopilotTime;
 
-use super::lag::{Change, Changes, Integral, Lag};
+use super::lag::{Changes, Integral, SensorChange, SensorLag};
 
 /// Standard gravity, m/s², which is taken out of specific force here: what is left of an error is the same at every lag.
 const GRAVITY_MPS2: f64 = 9.80665;
@@ -139,7 +139,7 @@ impl Fixes {
         if let Some((from, before)) = self.last.replace((fix.time, velocity))
             && fix.time.seconds_since(from) < APART_S
         {
-            self.changes.add(Change { from, to: fix.time, by: velocity - before, turned: None });
+            self.changes.add(SensorChange { from, to: fix.time, by: velocity - before, turned: None });
         }
         self.note_course(fix.time, ground.course_rad, ground.speed_mps);
     }
@@ -187,7 +187,7 @@ pub(super) struct Sensors {
     fixes: Fixes,
     flow: Flows,
     ranges: Ranges,
-    barometer: Barometer,
+    barometer: BarometerTally,
 }
 
 /// Optical flow.
@@ -204,7 +204,7 @@ struct Flows {
 
 /// Height by pressure, above where it was first.
 #[derive(Clone, Debug, Default)]
-struct Barometer {
+struct BarometerTally {
     first_m: Option<f64>,
     above_m: Option<f64>,
     noise: Whiteness,
@@ -220,7 +220,7 @@ pub(super) struct SensorReport {
     #[serde(flatten)]
     pub(super) numbers: std::collections::BTreeMap<&'static str, f64>,
     /// How late it is after the inertial unit, as far as the motion shows it.
-    pub(super) lag: Option<Lag>,
+    pub(super) lag: Option<SensorLag>,
 }
 
 impl SensorReport {
@@ -280,7 +280,7 @@ impl Sensors {
             && s.time.seconds_since(from) < APART_S
         {
             let (by, turned) = (field - before, Some((field + before) * 0.5));
-            self.field_changes.add(Change { from, to: s.time, by, turned });
+            self.field_changes.add(SensorChange { from, to: s.time, by, turned });
         }
     }
 
@@ -297,7 +297,7 @@ impl Sensors {
                 self.flow.angle += Vector3::new(gyro[0], gyro[1], 0.0) * dt;
                 if let Some((from, angle)) = self.flow.before.replace((s.time, self.flow.angle)) {
                     let by = self.flow.angle - angle;
-                    self.flow.changes.add(Change { from, to: s.time, by, turned: None });
+                    self.flow.changes.add(SensorChange { from, to: s.time, by, turned: None });
                 }
             } else {
                 self.flow.before = None;
