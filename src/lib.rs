@@ -72,5 +72,6 @@ pub mod report;
 pub mod sample;
 pub mod sim;
 pub mod state;
+pub mod status;
 pub mod time;
 pub mod wire;

@@ -14,6 +14,7 @@ use tokio_util::sync::CancellationToken;
 use crate::config::{LOG_VARIABLE, Loaded, Origin, Settings};
 use crate::daemon::lines::{self, LinesError, LogHandle};
 use crate::daemon::{Daemon, Summary, endpoints, link_config};
+use crate::status::{StatusFeed, StatusServer};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::endpoint::Endpoint;
@@ -114,6 +115,20 @@ fn signing(settings: &Settings, states: Option<&Path>) -> Result<Signing, Failur
     Ok(signing)
 }
 
+/// Serves the page where it is configured, and says where. Where it cannot be, nothing is begun.
+fn status(settings: &Settings, clock: &CompanionClock) -> Result<Option<StatusFeed>, Failure> {
+    let opened =
+        StatusServer::open(&settings.status, clock.now()).map_err(|e| Failure::Link(e.to_string()))?;
+    let Some((server, feed)) = opened else { return Ok(None) };
+    let local = server.local();
+    tracing::info!("the page is at http://{local}/");
+    if !local.ip().is_loopback() {
+        tracing::warn!("whoever reaches {local} can read the page: where the vehicle is, before all");
+    }
+    server.start()?;
+    Ok(Some(feed))
+}
+
 /// The signals that mean something, and those that must not kill.
 struct Signals {
     interrupt: Signal,
@@ -190,6 +205,7 @@ async fn serve(
             return Ok(());
         }
     };
+    let feed = status(settings, &clock)?;
     let handles = links.handles.clone();
     tracing::info!("holdover {} is running", env!("CARGO_PKG_VERSION"));
     for stats in handles.stats() {
@@ -204,7 +220,8 @@ async fn serve(
     let asked = Arc::new(Notify::new());
     let daemon = Daemon::new(settings, &args.deny_gnss, links, clock)
         .keeping_state_in(folder)
-        .told_in(log.clone(), Arc::clone(&asked));
+        .told_in(log.clone(), Arc::clone(&asked))
+        .shown_by(feed);
     let navigation = navigate(daemon)?;
     let summary = attend(args, signals, navigation, &asked, (log, reload)).await?;
     close.cancel();

@@ -67,8 +67,19 @@ pub struct Settings {
     pub statustext: bool,
     /// Where the state is kept.
     pub state: StateDirectory,
+    /// Where the page, the API and the metrics are.
+    pub status: StatusSettings,
     /// The daemon's log.
     pub log: LogSettings,
+}
+
+/// Settings of the page, the API and the metrics: `[status]`.
+#[derive(Clone, Debug, Default)]
+pub struct StatusSettings {
+    /// Where they are served, if anywhere.
+    pub listen: Option<std::net::SocketAddr>,
+    /// Names that lead there, beside addresses.
+    pub hosts: Vec<String>,
 }
 
 /// Settings of the log: `[log]`.

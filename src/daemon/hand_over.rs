@@ -48,6 +48,9 @@ impl Daemon {
 
     /// The autopilot's receiver spoke; also where its fix is withheld from us.
     pub(super) fn receiver_spoke(&mut self, fix: &GnssSample, at: Stamp<Companion>) {
+        if let (Some(feed), Some(place)) = (&mut self.feed, fix.position) {
+            feed.fix(place, at);
+        }
         if fix.fix >= GnssFix::ThreeD
             && let Some(hand_over) = self.session.hand_over_mut()
         {

@@ -11,6 +11,7 @@ mod keeping;
 mod lateness;
 pub mod lines;
 mod opening;
+mod reporting;
 mod severity;
 mod summary;
 mod watch;
@@ -31,6 +32,7 @@ use crate::outbound::handover::Sending;
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline};
 use crate::sample::{Input, Sample, SampleKind};
+use crate::status::StatusFeed;
 use crate::time::{AutopilotTime, ClockEvent, Companion, Span, Stamp};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
@@ -109,6 +111,8 @@ pub struct Daemon {
     summed: Option<(Stamp<Companion>, [u64; SampleKind::ALL.len()])>,
     retry_told: Vec<bool>,
     stranger_told: bool,
+    /// Whoever looks.
+    feed: Option<StatusFeed>,
 }
 
 impl Daemon {
@@ -145,6 +149,7 @@ impl Daemon {
             summed: None,
             retry_told: vec![false; count],
             stranger_told: false,
+            feed: None,
             clock,
         }
     }
@@ -162,6 +167,12 @@ impl Daemon {
     pub fn told_in(mut self, log: LogHandle, asked: Arc<Notify>) -> Self {
         self.log = Some(log);
         self.asked = asked;
+        self
+    }
+
+    /// Hands to `feed` how it fares.
+    pub fn shown_by(mut self, feed: Option<StatusFeed>) -> Self {
+        self.feed = feed;
         self
     }
 
@@ -377,6 +388,7 @@ impl Daemon {
                 }
             }
             Input::Origin(_) => self.session.origin_heard(),
+            Input::Reference(reference) => self.show_reference(reference, at),
             Input::Clock(ClockEvent::Reboot { .. }) => {
                 self.say(Severity::Warning, "the autopilot rebooted");
                 self.session.reboot();
@@ -431,12 +443,18 @@ impl Daemon {
     fn tell_events(&mut self) {
         let events: Vec<_> = self.pipeline.navigator.drain_events().collect();
         for event in events {
-            self.say(severity_of(&event.kind), &event.to_string());
+            self.mode_news(&event.kind);
+            self.say_as(Some(event.kind.code()), severity_of(&event.kind), &event.to_string());
         }
     }
 
     /// Tells the log, and the pilot as far as there is room.
     fn say(&mut self, severity: Severity, text: &str) {
+        self.say_as(None, severity, text);
+    }
+
+    fn say_as(&mut self, code: Option<&'static str>, severity: Severity, text: &str) {
+        self.show_event(code, severity, text);
         match severity {
             Severity::Critical => tracing::error!("{text}"),
             Severity::Warning => tracing::warn!("{text}"),
@@ -476,6 +494,7 @@ impl Daemon {
         if let Some(text) = self.signing.poll(now, &self.transmitter.handles().signing()) {
             self.say(Severity::Warning, &text);
         }
+        self.show(now);
         let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
         self.keeping.keep(now, &self.pipeline, self.session.vehicle(), &moment);
         if self.summed.is_none_or(|(then, _)| now - then >= SUMMARY_PERIOD) {

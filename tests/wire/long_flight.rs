@@ -28,6 +28,9 @@ fn nothing_is_refused_when_the_milliseconds_begin_anew() {
         assert!(counts.samples[kind] >= least, "{kind}: {:?}", counts.samples);
     }
     assert!(counts.sent > 10_000, "{}", counts.sent);
+    // Those that carry an outage: of the camera's flow, what is due after every step is fused.
+    let flow = flight.sources().into_iter().find(|s| s.kind.label() == "optical flow" && s.id == 0).unwrap();
+    assert!(flow.fused > 7000, "{flow:?}");
     // The outage goes across the wrap.
     let (_, modes): (Vec<f64>, Vec<Mode>) = counts.modes.iter().copied().unzip();
     assert_eq!(modes.iter().filter(|m| **m == Mode::Holdover).count(), 1, "{modes:?}");

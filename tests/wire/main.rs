@@ -6,6 +6,7 @@
     reason = "helpers of tests may fail like tests"
 )]
 
+mod browser;
 mod daemon;
 mod double;
 mod forged;
@@ -13,6 +14,7 @@ mod hand_over;
 mod links;
 mod live;
 mod long_flight;
+mod page;
 mod paused;
 mod peers;
 mod restart;

@@ -17,6 +17,7 @@ mod outbound;
 mod signing;
 mod start;
 mod state;
+mod status;
 mod streams;
 mod vehicle;
 
@@ -45,6 +46,7 @@ pub(super) struct AllKeys {
     handover: handover::HandoverKeys,
     log: outbound::LogKeys,
     state: state::StateKeys,
+    status: status::StatusKeys,
     signing: signing::SigningKeys,
     navigator: navigator::NavigatorKeys,
     holdover: holdover::HoldoverKeys,
@@ -89,6 +91,7 @@ pub static SECTIONS: &[Section] = &[
     handover::HandoverKeys::SECTION,
     outbound::LogKeys::SECTION,
     state::StateKeys::SECTION,
+    status::StatusKeys::SECTION,
     navigator::NavigatorKeys::SECTION,
     holdover::HoldoverKeys::SECTION,
     gnss::GnssKeys::SECTION,
@@ -151,6 +154,7 @@ impl AllKeys {
             source_switch: self.handover.settings(&tuning.handover, complain),
             log: self.log.settings(),
             state: StateDirectory::new(&self.state.dir),
+            status: self.status.settings(complain),
             pipeline: PipelineSettings { navigator: self.navigator(complain), outbound, profile },
         }
     }
