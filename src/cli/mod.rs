@@ -17,6 +17,8 @@ mod reload;
 mod replay;
 mod report;
 mod run;
+mod service;
+mod shipped;
 mod simulate;
 mod stress;
 mod table;
@@ -66,6 +68,10 @@ enum Command {
     Check(check::CheckArgs),
     /// Make, import and hand over the key of signed links
     Key(key::KeyArgs),
+    /// Print what a shell needs to complete this command's words
+    Completions(shipped::CompletionsArgs),
+    /// Write the manual's pages
+    Man(shipped::ManArgs),
 }
 
 /// Where the settings come from.
@@ -193,6 +199,11 @@ fn run(cli: Cli) -> Result<(), Failure> {
         Command::Simulate(args) => simulate::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Key(args) => key::run(&args),
+        Command::Completions(args) => {
+            shipped::completions(&args);
+            Ok(())
+        }
+        Command::Man(args) => shipped::man(&args),
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
+use sd_notify::NotifyState;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::time::timeout;
@@ -13,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::config::{LOG_VARIABLE, Loaded, Origin, Settings};
 use crate::daemon::lines::{self, LinesError, LogHandle};
-use crate::daemon::{Daemon, Summary, endpoints, link_config};
+use crate::daemon::{AliveSign, Daemon, Summary, endpoints, link_config};
 use crate::status::{StatusFeed, StatusServer};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
@@ -23,7 +24,7 @@ use crate::wire::signing::Signing;
 
 use super::reload::Reload;
 use super::replay::parse_interval;
-use super::{ConfigArgs, Failure, check, warn};
+use super::{ConfigArgs, Failure, check, service, warn};
 
 /// How long the navigation may take to say good-bye …
 const NAVIGATION_ENDS: Duration = Duration::from_millis(130);
@@ -222,8 +223,17 @@ async fn serve(
         .keeping_state_in(folder)
         .told_in(log.clone(), Arc::clone(&asked))
         .shown_by(feed);
+    let daemon = match sd_notify::watchdog_enabled() {
+        Some(patience) => {
+            let patience = Span::from_seconds(patience.as_secs_f64());
+            daemon.alive_for(AliveSign::new(patience, || service::tell(NotifyState::Watchdog)))
+        }
+        None => daemon,
+    };
     let navigation = navigate(daemon)?;
+    service::tell(NotifyState::Ready);
     let summary = attend(args, signals, navigation, &asked, (log, reload)).await?;
+    service::tell(NotifyState::Stopping);
     close.cancel();
     if timeout(CLOSING, handles.closed()).await.is_err() {
         tracing::warn!("a link does not close");

@@ -4,6 +4,7 @@
 //! that are open, a clock and a token that stops it, so that a test needs neither fixed ports nor signals. Nothing is sent but on a new IMU
 //! sample: when the stream stops, so does the output.
 
+mod alive;
 mod codes;
 mod hand_over;
 mod imu_told;
@@ -49,6 +50,7 @@ use crate::wire::session::status_text_sender::{Severity, StatusTextSender};
 use crate::wire::session::transmitter::Transmitter;
 use crate::wire::signing::SigningWatch;
 
+pub use alive::AliveSign;
 pub use codes::{CODE_NO_AUTOPILOT, CODE_SILENT, mode_code};
 use keeping::{Keeping, Moment};
 use lateness::LateWatch;
@@ -100,6 +102,9 @@ pub struct Daemon {
     /// The log, whose losses are told; and somebody who asks how it fares.
     log: Option<LogHandle>,
     asked: Arc<Notify>,
+    /// Who is told that frames are handled, and whether some were of late.
+    alive: Option<AliveSign>,
+    handled: bool,
     solution: Option<Solution>,
     /// Age of the newest position when it comes to the autopilot, s, where that is known.
     age_s: Option<f64>,
@@ -140,6 +145,8 @@ impl Daemon {
             signing: SigningWatch::default(),
             log: None,
             asked: Arc::default(),
+            alive: None,
+            handled: false,
             solution: None,
             age_s: None,
             sending_told: None,
@@ -176,6 +183,12 @@ impl Daemon {
         self
     }
 
+    /// Tells this watchdog while frames are handled.
+    pub fn alive_for(mut self, alive: AliveSign) -> Self {
+        self.alive = Some(alive);
+        self
+    }
+
     /// Runs until `cancel` is cancelled, or all links have ended. Says good-bye, and returns what was counted.
     pub async fn run(mut self, cancel: CancellationToken) -> Summary {
         let Some(mut links) = self.links.take() else { return self.summary(self.clock.now()) };
@@ -187,7 +200,13 @@ impl Daemon {
             tokio::select! {
                 biased;
                 () = cancel.cancelled() => break,
-                _ = tick.tick() => self.tick(),
+                _ = tick.tick() => {
+                    self.tick();
+                    let handled = std::mem::take(&mut self.handled) || links.inbound.is_empty();
+                    if let Some(alive) = &mut self.alive {
+                        alive.poll(self.clock.now(), handled);
+                    }
+                }
                 () = asked.notified() => tracing::info!("{}", self.summary(self.clock.now())),
                 Some(event) = links.events.recv() => self.link_event(&event),
                 frame = links.inbound.recv() => {
@@ -228,6 +247,7 @@ impl Daemon {
     }
 
     fn frame(&mut self, received: &ReceivedFrame) {
+        self.handled = true;
         let Some(frame) = received.frame() else { return };
         if !received.known {
             return;
