@@ -116,7 +116,8 @@ impl FlightSheet {
             out.push_str(&super::html::lacking("Not navigated with", lacking));
         }
         out.push_str(&views::overview::cards(self));
-        let parts: [(&str, &dyn Fn(&Self) -> String); 9] = [
+        type Part<'a> = (&'a str, &'a dyn Fn(&FlightSheet) -> String);
+        let parts: [Part<'_>; 9] = [
             ("What happened", &views::timeline::view),
             ("Where it flew", &views::plan::view),
             ("How far it was off", &views::error::view),

@@ -115,7 +115,7 @@ pub(super) fn lanes(
         }
         out.push_str("</g>");
     }
-    let _ = write!(out, "</svg><div class=\"texts\">{texts}</div></div></figure>\n");
+    let _ = writeln!(out, "</svg><div class=\"texts\">{texts}</div></div></figure>");
     Some(out)
 }
 

@@ -337,7 +337,7 @@ impl LongFlight {
 
     fn solved(&mut self, solution: &Solution, t_s: f64) {
         let covariances = [solution.position_covariance.raw(), solution.velocity_covariance.raw()];
-        let sound = sound::is_finite(solution) && covariances.iter().all(|c| sound::is_covariance(c));
+        let sound = sound::is_finite(solution) && covariances.iter().all(sound::is_covariance);
         self.counts.unsound += u64::from(!sound);
         if self.counts.modes.last().is_none_or(|(_, mode)| *mode != solution.mode) {
             self.counts.modes.push((t_s, solution.mode));

@@ -85,7 +85,7 @@ fn mcap_is_read_by_its_own_library_and_says_what_replay_says() {
         // Where the nose points, from east towards north.
         let yaw_enu = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)).to_degrees();
         let apart = (90.0 - yaw_enu - row["yaw_deg"].as_f64().unwrap()).rem_euclid(360.0);
-        assert!(apart < 0.01 || apart > 359.99, "{row} {yaw_enu}");
+        assert!(!(0.01..=359.99).contains(&apart), "{row} {yaw_enu}");
     }
     // With GNSS the estimate and the receiver are in one place.
     let (t, fix) = &of("/gnss/0/location")[300];

@@ -8,12 +8,12 @@
 
 mod browser;
 mod daemon;
+mod day_in_the_air;
 mod double;
 mod forged;
 mod hand_over;
 mod links;
 mod live;
-mod long_flight;
 mod page;
 mod paused;
 mod peers;
