@@ -223,14 +223,7 @@ async fn serve(
         .keeping_state_in(folder)
         .told_in(log.clone(), Arc::clone(&asked))
         .shown_by(feed);
-    let daemon = match sd_notify::watchdog_enabled() {
-        Some(patience) => {
-            let patience = Span::from_seconds(patience.as_secs_f64());
-            daemon.alive_for(AliveSign::new(patience, || service::tell(NotifyState::Watchdog)))
-        }
-        None => daemon,
-    };
-    let navigation = navigate(daemon)?;
+    let navigation = navigate(watched(daemon))?;
     service::tell(NotifyState::Ready);
     let summary = attend(args, signals, navigation, &asked, (log, reload)).await?;
     service::tell(NotifyState::Stopping);
@@ -247,6 +240,17 @@ async fn serve(
         tracing::info!("in the end: {summary}");
     }
     Ok(())
+}
+
+/// Under a service manager that asks for it the daemon says that it is alive.
+fn watched(daemon: Daemon) -> Daemon {
+    match sd_notify::watchdog_enabled() {
+        Some(patience) => {
+            let patience = Span::from_seconds(patience.as_secs_f64());
+            daemon.alive_for(AliveSign::new(patience, || service::tell(NotifyState::Watchdog)))
+        }
+        None => daemon,
+    }
 }
 
 /// The navigation on its own thread.

@@ -6,6 +6,7 @@
 
 mod alive;
 mod codes;
+mod counts;
 mod hand_over;
 mod imu_told;
 mod keeping;
@@ -25,7 +26,6 @@ use tokio::sync::Notify;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
-use crate::altimeter::{Channel, Health as HeightHealth};
 use crate::config::Settings;
 use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::{Mode, Solution};
@@ -52,6 +52,7 @@ use crate::wire::signing::SigningWatch;
 
 pub use alive::AliveSign;
 pub use codes::{CODE_NO_AUTOPILOT, CODE_SILENT, mode_code};
+use counts::Counts;
 use keeping::{Keeping, Moment};
 use lateness::LateWatch;
 use lines::LogHandle;
@@ -68,18 +69,6 @@ const SUMMARY_PERIOD: Span = Span::from_millis(30_000);
 const IN_A_ROW: usize = 64;
 /// How long the last heartbeat has to leave.
 const LAST_WORDS: Duration = Duration::from_millis(50);
-
-/// What the daemon counts itself.
-#[derive(Clone, Debug, Default)]
-struct Counts {
-    sent: u64,
-    not_finite: u64,
-    late: u64,
-    duplicates: u64,
-    /// Measurements that came on links for sensors, and frames there that are none.
-    sensor_frames: [u64; 2],
-    heard: [u64; SampleKind::ALL.len()],
-}
 
 /// The daemon. See the module's documentation.
 #[derive(Debug)]
@@ -562,17 +551,10 @@ impl Daemon {
         }
     }
 
-    fn faulty_heights(&self) -> Vec<(Channel, HeightHealth)> {
-        let mut health = Vec::from(self.pipeline.navigator.height_health());
-        health.retain(|(_, health)| health.is_faulty());
-        health
-    }
-
     fn summary(&self, now: Stamp<Companion>) -> Summary {
         let mut rejects = self.decoder.counters().clone();
         rejects.add(Cause::WrongSystem, self.session.wrong_system());
-        let (mut inbound_dropped, mut unsent) = (0, 0);
-        let (mut strangers, mut excess) = (0, Excess::default());
+        let (mut inbound_dropped, mut unsent, mut strangers, mut excess) = (0, 0, 0, Excess::default());
         for stats in self.transmitter.handles().stats() {
             rejects.merge(&stats.rejects);
             inbound_dropped += stats.inbound_dropped;
@@ -591,7 +573,7 @@ impl Daemon {
             mode: self.pipeline.navigator.mode(),
             sigma_m: self.solution.as_ref().map(Solution::horizontal_sigma_m),
             drift: MeasuredDrift::to_tell(&self.pipeline.navigator.measured_drift()),
-            faulty_heights: self.faulty_heights(),
+            faulty_heights: summary::faulty_heights(&self.pipeline.navigator),
             sources: self.pipeline.navigator.source_reports(),
             rates_hz,
             sent: self.counts.sent,

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::altimeter::{Channel, Health};
+use crate::navigator::Navigator;
 use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::Mode;
 use crate::navigator::sources::status::{SourceHealth, SourceReport};
@@ -14,6 +15,13 @@ use crate::wire::decode::Repairs;
 use crate::wire::link::Excess;
 use crate::wire::session::fusion::Fusion;
 use crate::wire::signing::SigningCounts;
+
+/// The sources of heights that are declared faulty.
+pub(super) fn faulty_heights(navigator: &Navigator) -> Vec<(Channel, Health)> {
+    let mut health = Vec::from(navigator.height_health());
+    health.retain(|(_, health)| health.is_faulty());
+    health
+}
 
 /// What the daemon counted, at one moment.
 #[derive(Clone, Debug)]
