@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::files::named;
 
-use super::{FleetError, LogOutcome, Provenance};
+use super::{FleetError, LogOutcome, Provenance, exact};
 
 /// The longest line: some thousand outages.
 const MOST_LINE: u64 = 16 << 20;
@@ -83,12 +83,12 @@ impl OutcomeJournal {
         let mut reader = BufReader::new(&self.file);
         let (mut line, mut end, mut found) = (Vec::new(), 0, BTreeMap::new());
         let ours = next_line(&mut reader, &mut line)?
-            && serde_json::from_slice::<JournalHead>(&line).is_ok_and(|told| told == head);
+            && exact::from_slice::<JournalHead>(&line).is_ok_and(|told| told == head);
         if ours {
             end = line.len() as u64;
             while next_line(&mut reader, &mut line)? {
                 // A damaged line costs itself: the log is done again.
-                if let Ok(outcome) = serde_json::from_slice::<LogOutcome>(&line) {
+                if let Ok(outcome) = exact::from_slice::<LogOutcome>(&line) {
                     found.insert(outcome.log.clone(), place(&outcome, end, line.len()));
                 }
                 end += line.len() as u64;
@@ -105,7 +105,7 @@ impl OutcomeJournal {
 
     /// Writes a line, and returns where it began and how long it is.
     fn write(&mut self, what: &impl Serialize) -> io::Result<(u64, usize)> {
-        let mut line = serde_json::to_vec(what)?;
+        let mut line = exact::to_vec(what)?;
         line.push(b'\n');
         self.file.write_all_at(&line, self.end)?;
         let at = self.end;
@@ -149,7 +149,7 @@ impl OutcomeJournal {
         let Some(line) = self.lines.get(log) else { return Ok(None) };
         let mut bytes = vec![0; line.bytes];
         self.file.read_exact_at(&mut bytes, line.at)?;
-        Ok(Some(serde_json::from_slice(&bytes).map_err(io::Error::from)?))
+        Ok(Some(exact::from_slice(&bytes).map_err(io::Error::from)?))
     }
 
     /// Names of the logs, with their places in the list, in the list's order.

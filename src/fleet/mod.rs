@@ -6,6 +6,7 @@
 
 mod address;
 mod columns;
+mod exact;
 mod folder;
 mod journal;
 mod list;
