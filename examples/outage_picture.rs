@@ -81,7 +81,7 @@ fn fly(args: &Args) -> Result<Vec<Point>> {
         &args.outage,
         &[],
         |_| (),
-        |runner, item, _| {
+        |runner, _, item, _| {
             if let Input::Reference(Reference::Truth(truth)) = item
                 && let Some(p) = point(runner, truth)
                 && points.last().is_none_or(|last| p.t_s - last.t_s > PERIOD_S)

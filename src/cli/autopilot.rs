@@ -19,7 +19,7 @@ use crate::wire::link::{LinkConfig, LinkId, Links};
 use crate::wire::session::identity::AutopilotKind;
 
 use super::Failure;
-use super::replay::parse_interval;
+use super::flight::parse_interval;
 use super::simulate::{Dialect, SimulateArgs};
 
 /// Arguments of `simulate --autopilot`.

@@ -9,11 +9,10 @@ use crate::config::Settings;
 use crate::export::{FlightExport, McapFile, SOLUTION_COLUMNS, SOURCE_COLUMNS, TableFile, TableFormat};
 use crate::files::named;
 use crate::log::{Log, logs_in};
-use crate::replay::runner::Runner;
 
+use super::Failure;
+use super::flight::FlightArgs;
 use super::inspect::lacking;
-use super::replay::{parse_interval, progress_bar};
-use super::{ConfigArgs, Failure};
 
 /// Arguments of `export`.
 #[derive(Debug, Args)]
@@ -30,18 +29,12 @@ pub struct ExportArgs {
     /// Write solution.parquet and sources.parquet into this folder
     #[arg(long, value_name = "DIR", conflicts_with = "csv")]
     pub parquet: Option<PathBuf>,
-    /// Withhold GNSS from A to B, seconds since the first sample, as in 600..1200; may be given several times
-    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
-    pub outage: Vec<(f64, f64)>,
-    /// What navigates: shipped, nlo, nlo_printed, xkf, ekf15 or inertial
-    #[arg(long)]
-    pub estimator: Option<String>,
+    /// The flight
+    #[command(flatten)]
+    pub flight: FlightArgs,
     /// Overwrite files that are there
     #[arg(long)]
     pub force: bool,
-    /// Settings
-    #[command(flatten)]
-    pub settings: ConfigArgs,
 }
 
 /// Runs the command.
@@ -49,10 +42,7 @@ pub struct ExportArgs {
 /// # Errors
 /// [`Failure`].
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
-    let settings = match &args.estimator {
-        Some(name) => args.settings.with_estimator(name).load()?,
-        None => args.settings.load()?,
-    };
+    let settings = args.flight.load()?;
     let files = logs_in(std::slice::from_ref(&args.log), false)?;
     let [file] = &files[..] else {
         return Err(Failure::Usage(format!("{}: one log at a time", args.log.display())));
@@ -86,17 +76,8 @@ fn outputs(args: &ExportArgs) -> Result<FlightExport, Failure> {
 }
 
 fn fly(log: &Log, settings: &Settings, args: &ExportArgs, export: &mut FlightExport) -> Result<(), Failure> {
-    let mut runner = Runner::new(&settings.pipeline, &args.outage);
-    runner.pipeline.follow(log.vehicle());
-    let bar = progress_bar(log.bytes(), false);
-    log.play(
-        |_, position| bar.set_position(position),
-        |clock, item| {
-            runner.take(clock, item);
-            export.note(&runner, clock, item);
-        },
-    )?;
-    bar.finish_and_clear();
+    let (runner, _) =
+        args.flight.fly(log, settings, false, |runner, clock, item| export.note(runner, clock, item))?;
     let outcome = runner.outcome();
     match lacking(&outcome.heard, &outcome.imu) {
         Some(why) => Err(Failure::Lacking(format!("{}: {why}", log.path().display()))),

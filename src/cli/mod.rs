@@ -7,6 +7,7 @@ mod autopilot;
 mod check;
 mod evaluate;
 mod export;
+mod flight;
 mod inspect;
 mod jobs;
 mod key;

@@ -2,11 +2,9 @@
 
 use std::cell::RefCell;
 use std::fs;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::altimeter::Health;
@@ -23,18 +21,19 @@ use crate::navigator::settings::Estimator;
 use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::Solution;
 use crate::navigator::sources::status::{Measured, SourceReport};
-use crate::replay::runner::{self, ModeChange, Outcome, ReferenceKind, Runner};
+use crate::replay::runner::{ModeChange, Outcome, ReferenceKind, Runner};
 use crate::report::{FlightRecorder, FlightSheet};
 use crate::sample::{Input, SampleKind};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::decode::Repair;
 
+use super::Failure;
+use super::flight::FlightArgs;
 use super::inspect::lacking;
 use super::logs::LogArgs;
 use super::report::{PageFile, sheet};
 use super::table::{Table, number};
-use super::{ConfigArgs, Failure};
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
@@ -42,15 +41,9 @@ pub struct ReplayArgs {
     /// Logs
     #[command(flatten)]
     pub logs: LogArgs,
-    /// Withhold GNSS from A to B, seconds since the first sample, as in 600..1200; may be given several times
-    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
-    pub outage: Vec<(f64, f64)>,
-    /// Put a fault into the flight: SENSOR[ID][.AXIS]:KIND[=VALUE]@A..B, as in flow:zero@100..160; may be given several times
-    #[arg(long, value_name = "FAULT")]
-    pub fault: Vec<InjectedFault>,
-    /// What navigates: shipped, nlo, nlo_printed, xkf, ekf15 or inertial
-    #[arg(long)]
-    pub estimator: Option<String>,
+    /// The flight
+    #[command(flatten)]
+    pub flight: FlightArgs,
     /// Print one JSON object a log, each on its line, and nothing else
     #[arg(long)]
     pub json: bool,
@@ -63,20 +56,6 @@ pub struct ReplayArgs {
     /// Overwrite a solution.csv or a page that is there
     #[arg(long)]
     pub force: bool,
-    /// Settings
-    #[command(flatten)]
-    pub settings: ConfigArgs,
-}
-
-/// `A..B` with 0 ≤ A < B.
-///
-/// # Errors
-/// What is wrong with the text.
-pub fn parse_interval(text: &str) -> Result<(f64, f64), String> {
-    let wrong = || format!("\"{text}\" is not an interval: expected A..B in seconds with 0 <= A < B");
-    let (a, b) = text.split_once("..").ok_or_else(wrong)?;
-    let (a, b): (f64, f64) = (a.trim().parse().map_err(|_| wrong())?, b.trim().parse().map_err(|_| wrong())?);
-    if a >= 0.0 && a < b && b.is_finite() { Ok((a, b)) } else { Err(wrong()) }
 }
 
 /// The JSON of `replay --json`.
@@ -143,10 +122,7 @@ pub struct RepairCount {
 /// # Errors
 /// [`Failure`].
 pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let settings = match &args.estimator {
-        Some(name) => args.settings.with_estimator(name).load()?,
-        None => args.settings.load()?,
-    };
+    let settings = args.flight.load()?;
     let sheets = RefCell::new(Vec::new());
     let page = args.report.as_deref().map(|page| PageFile::create(page, args.force)).transpose()?;
     let each = args.logs.each(args.json, |file, several| {
@@ -171,25 +147,16 @@ fn one(
     let log = Log::of(file.clone(), settings.system)?;
     let mut csv = out.map(|dir| SolutionCsv::create(dir, Overwrite::forced(args.force))).transpose()?;
     let mut recorder = args.report.as_ref().map(|_| FlightRecorder::new());
-    let bar = progress_bar(log.bytes(), args.json);
     let clock = CompanionClock::new();
     let begun = clock.now();
-    let (runner, summary) = runner::run(
-        &log,
-        &settings.pipeline,
-        &args.outage,
-        &args.fault,
-        |position| bar.set_position(position),
-        |runner, item, _| {
-            if let Some(csv) = &mut csv {
-                csv.note(runner, item);
-            }
-            if let Some(recorder) = &mut recorder {
-                recorder.note(runner, item);
-            }
-        },
-    )?;
-    bar.finish_and_clear();
+    let (runner, summary) = args.flight.fly(&log, settings, args.json, |runner, _, item| {
+        if let Some(csv) = &mut csv {
+            csv.note(runner, item);
+        }
+        if let Some(recorder) = &mut recorder {
+            recorder.note(runner, item);
+        }
+    })?;
     let computing_s = clock.now().seconds_since(begun).max(1e-6);
     if let Some(csv) = csv {
         csv.finish()?;
@@ -207,7 +174,7 @@ fn one(
     } else {
         print_report(&report, &log, &played, estimator);
     }
-    Ok(recorder.map(|recorder| sheet(&log, &runner, &summary, recorder, &args.fault, estimator)))
+    Ok(recorder.map(|recorder| sheet(&log, &runner, &summary, recorder, &args.flight.fault, estimator)))
 }
 
 /// What a log was played to.
@@ -236,7 +203,7 @@ fn numbers(
         reference: outcome.reference,
         estimator: estimator.label(),
         aided: outcome.aided,
-        faults: args.fault.iter().map(InjectedFault::to_string).collect(),
+        faults: args.flight.fault.iter().map(InjectedFault::to_string).collect(),
         outages: outcome.outages.clone(),
         modes: outcome.modes.clone(),
         events: outcome.events.iter().map(|(t, event)| told(*t, event)).collect(),
@@ -253,14 +220,6 @@ fn told(t_s: f64, event: &Event) -> ToldEvent {
 
 fn repair_count((repair, count): (Repair, u64)) -> RepairCount {
     RepairCount { code: repair.code(), what: repair.to_string(), count }
-}
-
-pub(super) fn progress_bar(bytes: u64, json: bool) -> ProgressBar {
-    if json || !std::io::stderr().is_terminal() || bytes < 1 << 20 {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{bar:40} {percent}% {bytes}/{total_bytes} {eta}");
-    ProgressBar::new(bytes).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 fn print_report(r: &ReplayReport, log: &Log, played: &Played<'_>, estimator: Estimator) {

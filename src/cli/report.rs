@@ -10,13 +10,13 @@ use crate::fault::InjectedFault;
 use crate::files::{OutputFile, Overwrite, READABLE};
 use crate::log::{Log, LogFile, LogSummary};
 use crate::navigator::settings::Estimator;
-use crate::replay::runner::{self, Runner};
+use crate::replay::runner::Runner;
 use crate::report::{FaultShown, FlightRecorder, FlightSheet, flights_page};
 
+use super::Failure;
+use super::flight::FlightArgs;
 use super::inspect::lacking;
 use super::logs::LogArgs;
-use super::replay::{parse_interval, progress_bar};
-use super::{ConfigArgs, Failure};
 
 /// Arguments of `report`.
 #[derive(Debug, Args)]
@@ -27,21 +27,12 @@ pub struct ReportArgs {
     /// Where the page goes
     #[arg(long, value_name = "FILE", default_value = "report.html")]
     pub out: PathBuf,
-    /// Withhold GNSS from A to B, seconds since the first sample, as in 600..1200; may be given several times
-    #[arg(long, value_name = "A..B", value_parser = parse_interval)]
-    pub outage: Vec<(f64, f64)>,
-    /// Put a fault into the flight, as in flow:zero@100..160; may be given several times
-    #[arg(long, value_name = "FAULT")]
-    pub fault: Vec<InjectedFault>,
-    /// What navigates: shipped, nlo, nlo_printed, xkf, ekf15 or inertial
-    #[arg(long)]
-    pub estimator: Option<String>,
+    /// The flight
+    #[command(flatten)]
+    pub flight: FlightArgs,
     /// Overwrite a page that is there
     #[arg(long)]
     pub force: bool,
-    /// Settings
-    #[command(flatten)]
-    pub settings: ConfigArgs,
 }
 
 /// A page that is being made: that its place can be written is known before hours of logs are read.
@@ -81,10 +72,7 @@ impl PageFile {
 /// # Errors
 /// [`Failure`].
 pub fn run(args: &ReportArgs) -> Result<(), Failure> {
-    let settings = match &args.estimator {
-        Some(name) => args.settings.with_estimator(name).load()?,
-        None => args.settings.load()?,
-    };
+    let settings = args.flight.load()?;
     let page = PageFile::create(&args.out, args.force)?;
     let (mut flights, mut failed) = (Vec::new(), None);
     for file in args.logs.find()? {
@@ -114,17 +102,9 @@ pub fn run(args: &ReportArgs) -> Result<(), Failure> {
 fn one(args: &ReportArgs, file: &LogFile, settings: &Settings) -> Result<FlightSheet, Failure> {
     let log = Log::of(file.clone(), settings.system)?;
     let mut recorder = FlightRecorder::new();
-    let bar = progress_bar(log.bytes(), false);
-    let (runner, summary) = runner::run(
-        &log,
-        &settings.pipeline,
-        &args.outage,
-        &args.fault,
-        |position| bar.set_position(position),
-        |runner, item, _| recorder.note(runner, item),
-    )?;
-    bar.finish_and_clear();
-    Ok(sheet(&log, &runner, &summary, recorder, &args.fault, settings.pipeline.navigator.estimator))
+    let (runner, summary) =
+        args.flight.fly(&log, settings, false, |runner, _, item| recorder.note(runner, item))?;
+    Ok(sheet(&log, &runner, &summary, recorder, &args.flight.fault, settings.pipeline.navigator.estimator))
 }
 
 /// What a report shows of a flight that was played.

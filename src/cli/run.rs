@@ -22,8 +22,8 @@ use crate::wire::endpoint::Endpoint;
 use crate::wire::link::{LinkConfig, Links};
 use crate::wire::signing::Signing;
 
+use super::flight::parse_interval;
 use super::reload::Reload;
-use super::replay::parse_interval;
 use super::{ConfigArgs, Failure, check, service, warn};
 
 /// How long the navigation may take to say good-bye …

@@ -23,8 +23,8 @@ use crate::wire::tlog_writer::TlogWriter;
 
 use super::Failure;
 use super::autopilot::{self, AutopilotArgs};
+use super::flight::parse_interval;
 use super::markers::{CAMERA, MarkerArgs, sighting, to_toml};
-use super::replay::parse_interval;
 
 /// Grades of IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -317,7 +317,7 @@ pub fn run(
     outages: &[(f64, f64)],
     faults: &[InjectedFault],
     mut progress: impl FnMut(u64),
-    mut watch: impl FnMut(&Runner, &Input, &[OutboundMessage]),
+    mut watch: impl FnMut(&Runner, &AutopilotClock, &Input, &[OutboundMessage]),
 ) -> Result<(Runner, LogSummary), LogError> {
     let mut runner = Runner::new(settings, outages);
     runner.set_faults(faults.to_vec(), FAULT_SEED);
@@ -326,7 +326,7 @@ pub fn run(
         |_, position| progress(position),
         |clock, item| {
             let sent = runner.take(clock, item).to_vec();
-            watch(&runner, item, &sent);
+            watch(&runner, clock, item, &sent);
         },
     )?;
     Ok((runner, summary))

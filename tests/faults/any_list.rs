@@ -66,7 +66,7 @@ proptest! {
         let settings = Settings::load(&Sources::default()).unwrap();
         let log = Log::open(&sitl_log(name), None).unwrap();
         let mut finite = true;
-        let (runner, _) = runner::run(&log, &settings.pipeline, &[outage], &faults, |_| {}, |runner, _, _| {
+        let (runner, _) = runner::run(&log, &settings.pipeline, &[outage], &faults, |_| {}, |runner, _, _, _| {
             finite &= runner.solution().is_none_or(|s| {
                 s.position.raw().iter().chain(s.velocity.raw().iter()).all(|v| v.is_finite())
                     && s.position_covariance.raw().iter().all(|v| v.is_finite())

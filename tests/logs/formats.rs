@@ -124,7 +124,7 @@ fn the_navigation_is_the_same_from_every_format() {
     let settings = Settings::load(&Sources::default()).unwrap().pipeline;
     let from = |name: &str, bytes: &[u8]| {
         let log = Log::open(&write_log(folder.path(), name, bytes), None).unwrap();
-        outcome(&runner::run(&log, &settings, &[OUTAGE], &[], |_| {}, |_, _, _| {}).unwrap().0)
+        outcome(&runner::run(&log, &settings, &[OUTAGE], &[], |_| {}, |_, _, _, _| {}).unwrap().0)
     };
     let mut direct = Runner::new(&settings, &[OUTAGE]);
     let clock = AutopilotClock::new();

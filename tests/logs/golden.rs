@@ -10,6 +10,7 @@ use holdover::navigator::solution::{Mode, Solution};
 use holdover::replay::runner::{self, Runner};
 use holdover::sample::Input;
 use holdover::time::AutopilotTime;
+use holdover::wire::clock::AutopilotClock;
 
 /// A solution, and where on the globe it is.
 #[derive(Clone, Copy)]
@@ -37,7 +38,7 @@ fn fly(name: &str, outage_s: (f64, f64)) -> Vec<Point> {
     let settings = Settings::load(&Sources { overrides, ..Sources::default() }).unwrap().pipeline;
     let outage = (outage_s.0 - first_s, outage_s.1 - first_s);
     let mut points: Vec<Point> = Vec::new();
-    let watch = |runner: &Runner, item: &Input, _: &[_]| {
+    let watch = |runner: &Runner, _: &AutopilotClock, item: &Input, _: &[_]| {
         let (Input::Sample(_), Some(solution), Some(frame)) =
             (item, runner.solution(), runner.pipeline.navigator.frame())
         else {

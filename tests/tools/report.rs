@@ -60,7 +60,7 @@ fn fly(path: &Path) -> Known {
         &[OUTAGE],
         &[fault],
         |_| {},
-        |runner, item, _| {
+        |runner, _, item, _| {
             recorder.note(runner, item);
             let navigator = &runner.pipeline.navigator;
             let Some(s) = runner.solution().filter(|s| s.mode != Mode::Aligning) else { return };
