@@ -1,7 +1,6 @@
 //! The real daemon against a recorded flight, over every kind of link: what the autopilot gets to read, and what is survived.
 
 use std::net::SocketAddr;
-use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,6 +8,7 @@ use std::time::Duration;
 use crate::live::flight::{Flight, Heard, path};
 use crate::live::process::Holdover;
 use crate::live::pymavlink;
+use crate::live::terminal::plug_in;
 use holdover::sample::VehicleStatus;
 use holdover::wire::encode_vehicle;
 use holdover::wire::frame::{ComponentId, SystemId};
@@ -20,7 +20,6 @@ use serde_json::Value;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, WriteHalf};
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::time::{sleep, timeout};
-use tokio_serial::{SerialPort, SerialStream};
 
 const COPTER: &str = "ardupilot-copter-gps-loss";
 const QUAD: &str = "px4-quad-gps-loss";
@@ -284,16 +283,6 @@ async fn a_px4_flight_over_tcp_from_the_daemon() {
     check(&heard, QUAD, "70..84", "auto", (1.0, 12.0));
 }
 
-/// A pseudo-terminal: the drone's end, and a symbolic link to the device at `path`. The other end must be kept until the
-/// device was opened by its name.
-fn plug_in(path: &Path) -> (SerialStream, SerialStream) {
-    let (drone, device) = SerialStream::pair().unwrap();
-    let name = device.name().unwrap();
-    let _ = std::fs::remove_file(path);
-    std::os::unix::fs::symlink(name, path).unwrap();
-    (drone, device)
-}
-
 #[tokio::test]
 async fn a_flight_over_a_serial_port() {
     let (flight, heard) = (Flight::load(COPTER, UNTIL_S), Heard::default());
@@ -326,7 +315,7 @@ async fn a_cable_that_is_pulled_and_put_back_goes_on() {
     flight
         .play(0.0, 45.0, SPEED, async |burst: &[u8]| {
             drone.write_all(burst).await.unwrap();
-            while let Ok(n) = drone.try_read(&mut buffer) {
+            while let Ok(n) = drone.reader().try_read(&mut buffer) {
                 heard.add(&buffer[..n]);
             }
         })
@@ -522,8 +511,7 @@ async fn a_serial_device_that_is_not_there_yet_is_named_and_waited_for() {
     assert!(line.contains("WARN") && line.contains(&path.display().to_string()), "{line}");
 
     let flight = Flight::load(COPTER, 10.0);
-    let (stream, device) = SerialStream::pair().unwrap();
-    std::os::unix::fs::symlink(device.name().unwrap(), &path).unwrap();
+    let (stream, device) = plug_in(&path);
     let mut drone = Drone::stream(stream, &Heard::default());
     holdover.wait_for("up, to", 1);
     drop(device);

@@ -1,9 +1,9 @@
 //! Links over loopback sockets and pseudo-terminals: who is heard, who is answered, and what is survived.
 
 use std::net::SocketAddr;
-use std::path::Path;
 use std::time::Duration;
 
+use crate::live::terminal::plug_in;
 use holdover::time::{Span, Stamp};
 use holdover::wire::companion_clock::CompanionClock;
 use holdover::wire::counters::Cause;
@@ -22,7 +22,6 @@ use rand::{Rng, SeedableRng};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::time::{sleep, timeout};
-use tokio_serial::{SerialPort, SerialStream};
 use tokio_util::sync::CancellationToken;
 
 pub const LINK: LinkId = LinkId(0);
@@ -382,16 +381,6 @@ async fn a_stream_of_noise_does_no_harm() {
         seen += usize::from(receive(&mut links).await.bytes == autopilot());
     }
     assert!(stats(&links).rejects.of(Cause::Garbage) > 200_000);
-}
-
-/// A pseudo-terminal: the drone's end, and a symbolic link to the device at `path`. The other end must be kept until the
-/// device was opened by its name.
-fn plug_in(path: &Path) -> (SerialStream, SerialStream) {
-    let (drone, device) = SerialStream::pair().unwrap();
-    let name = device.name().unwrap();
-    let _ = std::fs::remove_file(path);
-    std::os::unix::fs::symlink(name, path).unwrap();
-    (drone, device)
 }
 
 #[tokio::test]

@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use crate::live::flight::Flight;
 use crate::live::process::Holdover;
+use crate::live::terminal::plug_in;
 use holdover::wire::frame::{Scan, scan};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::{Instant, sleep};
-use tokio_serial::{SerialPort, SerialStream};
 
 const COPTER: &str = "ardupilot-copter-gps-loss";
 const SPEED: f64 = 15.0;
@@ -141,8 +141,10 @@ async fn no_old_position_is_sent_after_a_pause_over_tcp() {
 #[tokio::test]
 async fn no_old_position_is_sent_after_a_pause_over_a_serial_port() {
     let (flight, ages) = (Flight::load(COPTER, 110.0), Arc::new(Mutex::new(Ages::default())));
-    let (drone, device) = SerialStream::pair().unwrap();
-    let mut holdover = start(&format!("serial:{}:921600", device.name().unwrap()));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("autopilot");
+    let (drone, device) = plug_in(&path);
+    let mut holdover = start(&format!("serial:{}:921600", path.display()));
     holdover.wait_for("link 0: up", 1);
     drop(device);
     let (mut reader, mut writer) = tokio::io::split(drone);

@@ -4,3 +4,4 @@
 pub mod flight;
 pub mod process;
 pub mod pymavlink;
+pub mod terminal;

@@ -1,22 +1,11 @@
 //! The real `holdover` process.
 
-use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
-
-/// A pseudo-terminal of this process that a child inherits stays open when it is closed here: no cable could be pulled.
-const CLOSE_ALL_AND_EXEC: &str = r#"for f in /proc/self/fd/*; do n=${f##*/}; if [ "$n" -gt 2 ]; then eval "exec $n>&-"; fi; done; exec "$0" "$@""#;
-
-/// Runs `program` without the pseudo-terminals of this process.
-pub fn alone(program: impl AsRef<OsStr>) -> Command {
-    let mut command = Command::new("bash");
-    command.args(["-c", CLOSE_ALL_AND_EXEC]).arg(program);
-    command
-}
 
 /// A running `holdover run`, killed when dropped.
 pub struct Holdover {
@@ -41,7 +30,7 @@ impl Holdover {
         // What one test's vehicle has left is nothing to another's.
         let keeps = args.iter().any(|a| a.starts_with("state.dir"));
         let forgetful = if keeps { &[][..] } else { &["--set", "state.dir=\"\""][..] };
-        let mut child = alone(env!("CARGO_BIN_EXE_holdover"))
+        let mut child = Command::new(env!("CARGO_BIN_EXE_holdover"))
             .arg("run")
             // The flights are played many times as fast as they were flown, so queues and patience must be larger in proportion.
             .args(["--set", "tuning.link.queue_frames=16384", "--set", "tuning.link.stale_output_ms=3000"])

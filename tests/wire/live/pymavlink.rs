@@ -6,8 +6,6 @@ use std::sync::Mutex;
 
 use serde_json::Value;
 
-use super::process::alone;
-
 static SETUP: Mutex<()> = Mutex::new(());
 
 /// The interpreter that has pymavlink, installed when it is not there.
@@ -15,12 +13,12 @@ fn python() -> PathBuf {
     let _alone = SETUP.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let venv = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pymavlink");
     let python = venv.join("bin/python");
-    let has = || quiet(alone(&python).args(["-c", "import pymavlink.dialects.v20.ardupilotmega"]));
+    let has = || quiet(Command::new(&python).args(["-c", "import pymavlink.dialects.v20.ardupilotmega"]));
     if has() {
         return python;
     }
-    let made = quiet(alone("python3").args(["-m", "venv"]).arg(&venv))
-        && quiet(alone(&python).args([
+    let made = quiet(Command::new("python3").args(["-m", "venv"]).arg(&venv))
+        && quiet(Command::new(&python).args([
             "-m",
             "pip",
             "install",
@@ -56,7 +54,7 @@ pub fn decode(bytes: &[u8]) -> Vec<Value> {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), bytes).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/live/decode.py");
-    let output = alone(python).arg(script).arg(file.path()).output().unwrap();
+    let output = Command::new(python).arg(script).arg(file.path()).output().unwrap();
     assert!(output.status.success(), "pymavlink: {}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
@@ -69,7 +67,7 @@ pub fn sign(arguments: &[&str], bytes: &[u8]) -> Vec<u8> {
     std::fs::write(file.path(), bytes).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/live/sign.py");
     let input = std::fs::File::open(file.path()).unwrap();
-    let output = alone(python).arg(script).args(arguments).stdin(input).output().unwrap();
+    let output = Command::new(python).arg(script).args(arguments).stdin(input).output().unwrap();
     assert!(output.status.success(), "pymavlink: {}", String::from_utf8_lossy(&output.stderr));
     output.stdout
 }
