@@ -67,6 +67,7 @@ pub mod observer;
 pub mod outbound;
 pub mod pipeline;
 mod preflight;
+mod record;
 pub mod replay;
 pub mod report;
 pub mod sample;

@@ -173,6 +173,11 @@ impl GnssMask {
         self.intervals.push((start_s, end_s));
     }
 
+    /// The intervals.
+    pub fn intervals(&self) -> &[(f64, f64)] {
+        &self.intervals
+    }
+
     /// Seconds since the first sample; 0 before there was one.
     pub fn seconds(&self, time: AutopilotTime) -> f64 {
         self.start.map_or(0.0, |s| time.seconds_since(s))

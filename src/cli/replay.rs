@@ -27,6 +27,7 @@ use crate::sample::{Input, SampleKind};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::decode::Repair;
+use crate::wire::recording::SentReport;
 
 use super::Failure;
 use super::flight::FlightArgs;
@@ -91,6 +92,9 @@ pub struct ReplayReport {
     pub sources: Vec<SourceReport>,
     /// What an outage would come to, as dead reckonings beside GNSS have measured it.
     pub drift: Vec<MeasuredDrift>,
+    /// How what is sent compares with what was sent: of a recording that is flown as it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sent_again: Option<SentReport>,
     /// Log time over computing time, reading included.
     pub realtime_factor: f64,
 }
@@ -210,6 +214,7 @@ fn numbers(
         repairs: summary.repairs.seen().map(repair_count).collect(),
         sources: runner.pipeline.navigator.source_reports(),
         drift: runner.pipeline.navigator.measured_drift(),
+        sent_again: runner.sent_again(),
         realtime_factor: outcome.duration_s / computing_s,
     }
 }
@@ -235,6 +240,9 @@ fn print_report(r: &ReplayReport, log: &Log, played: &Played<'_>, estimator: Est
     for remark in summary.remarks() {
         outln!("  {remark}");
     }
+    if let Some(sent) = &r.sent_again {
+        outln!("  {}", compared(sent));
+    }
     for fault in &r.faults {
         outln!("  fault put in: {fault}");
     }
@@ -248,6 +256,20 @@ fn print_report(r: &ReplayReport, log: &Log, played: &Played<'_>, estimator: Est
     print_innovations(&runner.pipeline.navigator);
     print_drift(&r.drift);
     print_errors(r);
+}
+
+/// How what is sent now compares with what was sent in flight.
+fn compared(r: &SentReport) -> String {
+    let missing = r.sent - r.same - r.different;
+    let mut text =
+        format!("of {} positions that were sent, {} are sent again with the same bytes", r.sent, r.same);
+    if r.different > 0 {
+        text += &format!(", {} with others, up to {:.2} m away", r.different, r.apart_m);
+    }
+    if missing > 0 {
+        text += &format!(", {missing} are not sent");
+    }
+    text
 }
 
 /// What was learned of sensors: calibrations, latencies, heights.

@@ -15,6 +15,7 @@ use tokio_util::sync::CancellationToken;
 use crate::config::{LOG_VARIABLE, Loaded, Origin, Settings};
 use crate::daemon::lines::{self, LinesError, LogHandle};
 use crate::daemon::{AliveSign, Daemon, Summary, endpoints, link_config};
+use crate::record::LinkRecorder;
 use crate::status::{StatusFeed, StatusServer};
 use crate::time::Span;
 use crate::wire::companion_clock::CompanionClock;
@@ -73,7 +74,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     })?;
     let reload = Reload::new(&loaded, directives.is_some());
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let served = runtime.block_on(serve(args, &loaded.settings, clock, &log, reload));
+    let served = runtime.block_on(serve(args, &loaded, clock, &log, reload));
     // A name that is still being resolved is not waited for.
     runtime.shutdown_background();
     log.drain(LAST_LINES);
@@ -128,6 +129,18 @@ fn status(settings: &Settings, clock: &CompanionClock) -> Result<Option<StatusFe
     }
     server.start()?;
     Ok(Some(feed))
+}
+
+/// Records where it is configured. What cannot be recorded does not keep it from flying.
+fn recorder(loaded: &Loaded, clock: &CompanionClock) -> Option<LinkRecorder> {
+    let settings = loaded.settings.record.clone()?;
+    match LinkRecorder::start(settings, loaded.differing_toml(), clock.clone()) {
+        Ok(recorder) => Some(recorder),
+        Err(e) => {
+            tracing::warn!("nothing is recorded: {e}");
+            None
+        }
+    }
 }
 
 /// The signals that mean something, and those that must not kill.
@@ -186,11 +199,12 @@ impl Signals {
 
 async fn serve(
     args: &RunArgs,
-    settings: &Settings,
+    loaded: &Loaded,
     clock: CompanionClock,
     log: &LogHandle,
     reload: Reload,
 ) -> Result<(), Failure> {
+    let settings = &loaded.settings;
     let mut signals = Signals::new()?;
     let close = CancellationToken::new();
     let folder = state_folder(settings);
@@ -219,7 +233,9 @@ async fn serve(
         tracing::warn!("a drill: GNSS is withheld from {a} to {b} s after the first sample");
     }
     let asked = Arc::new(Notify::new());
+    let recorder = recorder(loaded, &clock);
     let daemon = Daemon::new(settings, &args.deny_gnss, links, clock)
+        .recorded_by(recorder)
         .keeping_state_in(folder)
         .told_in(log.clone(), Arc::clone(&asked))
         .shown_by(feed);

@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::pipeline::PipelineSettings;
+use crate::record::RecordSettings;
 use crate::state::StateDirectory;
 use crate::wire::endpoint::Endpoint;
 use crate::wire::frame::{ComponentId, SystemId};
@@ -67,6 +68,8 @@ pub struct Settings {
     pub statustext: bool,
     /// Where the state is kept.
     pub state: StateDirectory,
+    /// What is heard and sent is recorded there, if anywhere.
+    pub record: Option<RecordSettings>,
     /// Where the page, the API and the metrics are.
     pub status: StatusSettings,
     /// The daemon's log.
@@ -162,6 +165,12 @@ impl Settings {
 }
 
 impl Loaded {
+    /// What differs from the defaults, as the text of a configuration file.
+    pub fn differing_toml(&self) -> String {
+        let given = self.in_force.iter().filter(|key| key.origin != Origin::Default);
+        given.map(|key| format!("{} = {}\n", key.path(), key.value_toml())).collect()
+    }
+
     /// Loads and validates.
     ///
     /// # Errors

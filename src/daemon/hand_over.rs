@@ -29,7 +29,9 @@ impl Daemon {
     /// What the autopilot stands on is known anew.
     pub(super) fn follow_standing(&mut self, now: Stamp<Companion>) {
         if let Some(hand_over) = self.session.hand_over() {
-            self.pipeline.outbound.set_standing(hand_over.standing(now));
+            let standing = hand_over.standing(now);
+            self.pipeline.outbound.set_standing(standing);
+            self.recording.stands(now, standing);
         }
     }
 

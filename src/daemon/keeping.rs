@@ -2,12 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::navigator::memory::ResumeError;
 use crate::outbound::alignment::AlignmentMemory;
 use crate::pipeline::Pipeline;
-use crate::state::{Boot, KeptState, StateError, StateFile, read, served_lately};
+use crate::state::{KeptState, Moment, StateError, StateFile, go_on, read, served_lately};
 use crate::time::{AutopilotTime, Companion, Span, Stamp};
-use crate::wire::clock::AutopilotClock;
 use crate::wire::frame::SystemId;
 use crate::wire::session::identity::Vehicle;
 
@@ -27,24 +25,6 @@ pub(super) struct Keeping {
     due: Option<Stamp<Companion>>,
     /// The time of the newest state that was kept, µs.
     newest_us: Option<i64>,
-}
-
-/// When a state is looked at, by every clock.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Moment<'a> {
-    pub(super) clock: &'a AutopilotClock,
-    pub(super) unix_us: i64,
-}
-
-impl Moment<'_> {
-    fn boot(&self, time: AutopilotTime) -> Boot {
-        Boot { since_us: self.clock.boot_micros(time), unix_us: self.unix_us }
-    }
-
-    /// What the clock calls the autopilot's 0.
-    fn boot_zero(&self) -> AutopilotTime {
-        AutopilotTime::from_micros(-self.clock.boot_micros(AutopilotTime::from_micros(0)))
-    }
 }
 
 impl Keeping {
@@ -81,9 +61,9 @@ impl Keeping {
         }
     }
 
-    /// Whether something was kept that the first IMU sample decides about.
-    pub(super) fn waits(&self) -> bool {
-        self.kept.is_some()
+    /// What was kept that the first IMU sample decides about.
+    pub(super) fn waiting(&self) -> Option<&KeptState> {
+        self.kept.as_deref()
     }
 
     /// The first IMU sample of this process is about to be taken. A sentence where the state of before is not gone on from; the navigator
@@ -95,23 +75,7 @@ impl Keeping {
         first: AutopilotTime,
     ) -> Option<String> {
         let kept = self.kept.take()?;
-        let snapshot = match kept.snapshot_on(&moment.boot(first), moment.boot_zero()) {
-            Ok(snapshot) => snapshot,
-            // It may be another vehicle with the same number: not even its sensors need be the same.
-            Err(e) => return Some(format!("state not used: {e}")),
-        };
-        match pipeline.navigator.resume(&snapshot, first) {
-            Ok(()) => {
-                pipeline.outbound.recall(&kept.alignment);
-                None
-            }
-            Err(e @ ResumeError::TooOld(_)) => {
-                let learned = pipeline.navigator.recall(&snapshot.sensors);
-                let and = if learned.is_ok() { "; calibrations are" } else { "" };
-                Some(format!("state not used: {e}{and}"))
-            }
-            Err(e) => Some(format!("state not used: {e}")),
-        }
+        go_on(&kept, (&mut pipeline.navigator, &mut pipeline.outbound), moment, first)
     }
 
     /// Keeps the state when it is time, or at once.

@@ -13,6 +13,7 @@ mod keeping;
 mod lateness;
 pub mod lines;
 mod opening;
+mod recording;
 mod reporting;
 mod severity;
 mod summary;
@@ -27,21 +28,22 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
 use crate::config::Settings;
-use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::{Mode, Solution};
 use crate::outbound::handover::Sending;
 use crate::outbound::message::OutboundMessage;
 use crate::pipeline::{GnssMask, Pipeline};
+use crate::record::LinkRecorder;
 use crate::sample::{Input, Sample, SampleKind};
+use crate::state::Moment;
 use crate::status::StatusFeed;
 use crate::time::{AutopilotTime, ClockEvent, Companion, Span, Stamp};
 use crate::wire::companion_clock::CompanionClock;
-use crate::wire::counters::Cause;
 use crate::wire::decode::Decoder;
 use crate::wire::encode::encode;
 use crate::wire::frame::{Frame, SystemId};
-use crate::wire::link::{Excess, LinkEvent, LinkEventKind, Links, ReceivedFrame};
+use crate::wire::link::{LinkEvent, LinkEventKind, Links, ReceivedFrame};
 use crate::wire::messages::from_any_component;
+use crate::wire::recording::HeardAs;
 use crate::wire::session::autopilot::AutopilotSession;
 use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus, heartbeat};
 use crate::wire::session::heartbeat_fields::HeartbeatFields;
@@ -53,10 +55,11 @@ use crate::wire::signing::SigningWatch;
 pub use alive::AliveSign;
 pub use codes::{CODE_NO_AUTOPILOT, CODE_SILENT, mode_code};
 use counts::Counts;
-use keeping::{Keeping, Moment};
+use keeping::Keeping;
 use lateness::LateWatch;
 use lines::LogHandle;
 pub use opening::{endpoints, link_config};
+use recording::Recording;
 use severity::severity_of;
 pub use summary::Summary;
 use watch::ImuWatch;
@@ -107,6 +110,7 @@ pub struct Daemon {
     stranger_told: bool,
     /// Whoever looks.
     feed: Option<StatusFeed>,
+    recording: Recording,
 }
 
 impl Daemon {
@@ -146,6 +150,7 @@ impl Daemon {
             retry_told: vec![false; count],
             stranger_told: false,
             feed: None,
+            recording: Recording::default(),
             clock,
         }
     }
@@ -169,6 +174,15 @@ impl Daemon {
     /// Hands to `feed` how it fares.
     pub fn shown_by(mut self, feed: Option<StatusFeed>) -> Self {
         self.feed = feed;
+        self
+    }
+
+    /// Hands over to `recorder` what is heard and sent.
+    pub fn recorded_by(mut self, recorder: Option<LinkRecorder>) -> Self {
+        self.recording = Recording::new(recorder, self.clock.now(), self.mask.intervals());
+        if self.recording.is_on() {
+            self.transmitter.remember();
+        }
         self
     }
 
@@ -211,6 +225,7 @@ impl Daemon {
         let code = self.state().1;
         self.transmitter.broadcast(&heartbeat(SystemStatus::PowerOff, code));
         let now = self.clock.now();
+        self.recording.sent(now, &mut self.transmitter);
         let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
         self.keeping.end(now, &self.pipeline, self.session.vehicle(), &moment);
         tokio::time::sleep(LAST_WORDS).await;
@@ -235,47 +250,63 @@ impl Daemon {
         (health, mode_code(mode))
     }
 
+    /// A frame came. It is recorded as it is taken, and what it caused to be sent after it.
     fn frame(&mut self, received: &ReceivedFrame) {
         self.handled = true;
         let Some(frame) = received.frame() else { return };
+        let (how, inputs) = self.sort(&frame, received);
+        let now = self.clock.now();
+        self.recording.heard(now, how, &frame);
+        if inputs {
+            let at = received.received;
+            let mut inputs = std::mem::take(&mut self.inputs);
+            if how == HeardAs::Sensor {
+                let taken = self.decoder.decode_sensor(&frame, &mut inputs);
+                self.counts.sensor_frames[usize::from(!taken)] += 1;
+            } else {
+                // It had come by now; what waited in a pause may have come at any time of it.
+                self.decoder.decode(&frame, Some(now), &mut inputs);
+                self.session.stamped(self.decoder.clock().newest(), at);
+            }
+            self.take(inputs, at);
+        }
+        self.recording.sent(now, &mut self.transmitter);
+    }
+
+    /// On what link a frame came, who sent it, and whether it may hold inputs.
+    fn sort(&mut self, frame: &Frame<'_>, received: &ReceivedFrame) -> (HeardAs, bool) {
+        if received.link.0 >= self.sensors_from {
+            return (HeardAs::Sensor, received.known);
+        }
         if !received.known {
-            return;
+            return (HeardAs::Listened, false);
         }
         let at = received.received;
-        if received.link.0 >= self.sensors_from {
-            return self.sensor(&frame, at);
-        }
-        let ours = self.session.sent_by_autopilot(&frame);
+        let ours = self.session.sent_by_autopilot(frame);
         if ours && !self.listens(received, at) {
-            return;
+            return (HeardAs::Beside, false);
         }
-        let (sender, event) = self.session.hear(at, &frame);
+        let (sender, event) = self.session.hear(at, frame);
         if let Some(event) = event {
             if !ours {
                 self.listens(received, at);
             }
             self.identity_event(event);
         }
-        match sender {
-            Sender::Autopilot => self.converse(&frame, at),
+        let inputs = match sender {
+            Sender::Autopilot => {
+                self.converse(frame, at);
+                true
+            }
             // A camera on the vehicle that sees landmarks.
-            Sender::SameSystem if from_any_component(frame.message_id()) => {}
-            Sender::WrongSystem | Sender::SameSystem => return self.stranger(&frame),
-            _ => return,
-        }
-        let mut inputs = std::mem::take(&mut self.inputs);
-        // It had come by now; what waited in a pause may have come at any time of it.
-        self.decoder.decode(&frame, Some(self.clock.now()), &mut inputs);
-        self.session.stamped(self.decoder.clock().newest(), at);
-        self.take(inputs, at);
-    }
-
-    /// A frame on a link for sensors.
-    fn sensor(&mut self, frame: &Frame<'_>, at: Stamp<Companion>) {
-        let mut inputs = std::mem::take(&mut self.inputs);
-        let taken = self.decoder.decode_sensor(frame, &mut inputs);
-        self.counts.sensor_frames[usize::from(!taken)] += 1;
-        self.take(inputs, at);
+            Sender::SameSystem if from_any_component(frame.message_id()) => true,
+            Sender::WrongSystem | Sender::SameSystem => {
+                self.stranger(frame);
+                false
+            }
+            _ => false,
+        };
+        (HeardAs::Listened, inputs)
     }
 
     /// What was decoded.
@@ -302,7 +333,7 @@ impl Daemon {
     fn identity_event(&mut self, event: IdentityEvent) {
         match event {
             IdentityEvent::Found(vehicle) => {
-                self.follow(&vehicle);
+                self.follow(&vehicle, false);
                 let text = format!("following {}, system {}", vehicle.autopilot, vehicle.system.0);
                 self.say(Severity::Info, &text);
             }
@@ -312,7 +343,7 @@ impl Daemon {
                 self.pipeline.begin_anew();
                 self.solution = None;
                 self.keeping.begin_anew();
-                self.follow(&by);
+                self.follow(&by, true);
                 let [old, new] = [before, by].map(|v| format!("{}/{}", v.system.0, v.component.0));
                 self.say(Severity::Warning, &format!("following {new}: {old} had no sensors"));
             }
@@ -336,8 +367,8 @@ impl Daemon {
         }
     }
 
-    /// This vehicle is served from now on.
-    fn follow(&mut self, vehicle: &Vehicle) {
+    /// This vehicle is served from now on; `anew` instead of another.
+    fn follow(&mut self, vehicle: &Vehicle, anew: bool) {
         self.decoder.follow(vehicle);
         self.pipeline.follow(vehicle);
         let us = self.transmitter.belong_to(vehicle.system);
@@ -346,6 +377,7 @@ impl Daemon {
         if let Some(told) = self.keeping.found(vehicle) {
             self.say(Severity::Notice, &told);
         }
+        self.recording.follows(self.clock.now(), vehicle, anew, self.keeping.waiting());
     }
 
     /// Whether the autopilot is listened to on this frame's link. What comes on others is counted and not used.
@@ -392,7 +424,7 @@ impl Daemon {
                     self.imu_news(news);
                 }
                 self.look_for_lateness(s.time, at, now);
-                if self.keeping.waits() {
+                if self.keeping.waiting().is_some() {
                     self.resume(s.time);
                 }
             }
@@ -503,6 +535,11 @@ impl Daemon {
         if let Some(text) = self.signing.poll(now, &self.transmitter.handles().signing()) {
             self.say(Severity::Warning, &text);
         }
+        self.recording.sent(now, &mut self.transmitter);
+        if let Some(news) = self.recording.poll(now) {
+            let severity = if news.is_bad() { Severity::Warning } else { Severity::Info };
+            self.say(severity, &news.to_string());
+        }
         self.show(now);
         let moment = Moment { clock: self.decoder.clock(), unix_us: self.clock.unix_us() };
         self.keeping.keep(now, &self.pipeline, self.session.vehicle(), &moment);
@@ -548,52 +585,6 @@ impl Daemon {
                 }
             }
             _ => tracing::warn!("{link}: {kind}"),
-        }
-    }
-
-    fn summary(&self, now: Stamp<Companion>) -> Summary {
-        let mut rejects = self.decoder.counters().clone();
-        rejects.add(Cause::WrongSystem, self.session.wrong_system());
-        let (mut inbound_dropped, mut unsent, mut strangers, mut excess) = (0, 0, 0, Excess::default());
-        for stats in self.transmitter.handles().stats() {
-            rejects.merge(&stats.rejects);
-            inbound_dropped += stats.inbound_dropped;
-            unsent += stats.unsent_full + stats.unsent_stale + stats.unsent_unsigned;
-            strangers += stats.wrong_peer;
-            excess.add(&stats.excess);
-        }
-        let mut rates_hz = [0.0; SampleKind::ALL.len()];
-        if let Some((then, before)) = self.summed {
-            let elapsed = now.seconds_since(then).max(1e-3);
-            for ((rate, n), b) in rates_hz.iter_mut().zip(self.counts.heard).zip(before) {
-                *rate = (n - b) as f64 / elapsed;
-            }
-        }
-        Summary {
-            mode: self.pipeline.navigator.mode(),
-            sigma_m: self.solution.as_ref().map(Solution::horizontal_sigma_m),
-            drift: MeasuredDrift::to_tell(&self.pipeline.navigator.measured_drift()),
-            faulty_heights: summary::faulty_heights(&self.pipeline.navigator),
-            sources: self.pipeline.navigator.source_reports(),
-            rates_hz,
-            sent: self.counts.sent,
-            hand_over: self.hand_over_summary(now),
-            not_finite: self.counts.not_finite,
-            late: self.counts.late,
-            rejects,
-            repairs: self.decoder.repairs().clone(),
-            duplicates: self.counts.duplicates,
-            sensor_frames: self.counts.sensor_frames,
-            inbound_dropped,
-            strangers,
-            excess,
-            unsent,
-            timesync: self.session.timesync(),
-            answered: self.session.answered(),
-            words_withheld: self.status_texts.withheld(),
-            reboots: self.decoder.clock().reboots(),
-            signing: self.transmitter.handles().signing(),
-            lines_lost: self.log.as_ref().map_or(0, LogHandle::lost),
         }
     }
 }

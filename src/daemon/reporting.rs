@@ -1,14 +1,21 @@
 //! What the daemon shows: copies for the page, several times a second, where somebody serves it.
 
 use crate::navigator::event::EventKind;
-use crate::sample::Reference;
-use crate::status::view::{ClockView, CountView, EventView, InputView, LinkView, OutputView, VehicleView};
+use crate::navigator::shadow::MeasuredDrift;
+use crate::navigator::solution::Solution;
+use crate::sample::{Reference, SampleKind};
+use crate::status::view::{
+    ClockView, CountView, EventView, InputView, LinkView, OutputView, RecordingView, VehicleView,
+};
 use crate::status::{Glance, show};
 use crate::time::{Companion, Stamp};
+use crate::wire::counters::Cause;
+use crate::wire::link::Excess;
 use crate::wire::session::status_text_sender::Severity;
 
 use super::Daemon;
-use super::summary::Summary;
+use super::lines::LogHandle;
+use super::summary::{Summary, faulty_heights};
 
 impl Daemon {
     /// Shows how it fares, where that is due.
@@ -36,6 +43,54 @@ impl Daemon {
         self.feed = Some(feed);
     }
 
+    /// How it fares, in one piece.
+    pub(super) fn summary(&self, now: Stamp<Companion>) -> Summary {
+        let mut rejects = self.decoder.counters().clone();
+        rejects.add(Cause::WrongSystem, self.session.wrong_system());
+        let (mut inbound_dropped, mut unsent, mut strangers, mut excess) = (0, 0, 0, Excess::default());
+        for stats in self.transmitter.handles().stats() {
+            rejects.merge(&stats.rejects);
+            inbound_dropped += stats.inbound_dropped;
+            unsent += stats.unsent_full + stats.unsent_stale + stats.unsent_unsigned;
+            strangers += stats.wrong_peer;
+            excess.add(&stats.excess);
+        }
+        let mut rates_hz = [0.0; SampleKind::ALL.len()];
+        if let Some((then, before)) = self.summed {
+            let elapsed = now.seconds_since(then).max(1e-3);
+            for ((rate, n), b) in rates_hz.iter_mut().zip(self.counts.heard).zip(before) {
+                *rate = (n - b) as f64 / elapsed;
+            }
+        }
+        Summary {
+            mode: self.pipeline.navigator.mode(),
+            sigma_m: self.solution.as_ref().map(Solution::horizontal_sigma_m),
+            drift: MeasuredDrift::to_tell(&self.pipeline.navigator.measured_drift()),
+            faulty_heights: faulty_heights(&self.pipeline.navigator),
+            sources: self.pipeline.navigator.source_reports(),
+            rates_hz,
+            sent: self.counts.sent,
+            hand_over: self.hand_over_summary(now),
+            not_finite: self.counts.not_finite,
+            late: self.counts.late,
+            rejects,
+            repairs: self.decoder.repairs().clone(),
+            duplicates: self.counts.duplicates,
+            sensor_frames: self.counts.sensor_frames,
+            inbound_dropped,
+            strangers,
+            excess,
+            unsent,
+            timesync: self.session.timesync(),
+            answered: self.session.answered(),
+            words_withheld: self.status_texts.withheld(),
+            reboots: self.decoder.clock().reboots(),
+            signing: self.transmitter.handles().signing(),
+            recording: self.recording.counts(),
+            lines_lost: self.log.as_ref().map_or(0, LogHandle::lost),
+        }
+    }
+
     fn vehicle_view(&self) -> Option<VehicleView> {
         let vehicle = self.session.vehicle()?;
         Some(VehicleView {
@@ -49,10 +104,7 @@ impl Daemon {
 
     fn input_view(&self, summary: &Summary) -> InputView {
         let stats = self.transmitter.handles().stats();
-        let count = |(cause, n): (crate::wire::counters::Cause, u64)| CountView {
-            cause: cause.label().to_owned(),
-            count: n,
-        };
+        let count = |(cause, n): (Cause, u64)| CountView { cause: cause.label().to_owned(), count: n };
         InputView {
             frames: stats.iter().map(|s| s.frames_in).sum(),
             rate_hz: 0.0,
@@ -116,5 +168,6 @@ fn output_view(summary: &Summary) -> OutputView {
         withheld: summary.late + summary.not_finite,
         autopilot_on: hand_over.map(|h| h.standing.label().to_owned()),
         fused: hand_over.map(|h| h.fusion.to_string()),
+        recording: summary.recording.map(|r| RecordingView { bytes: r.bytes, lost: r.lost }),
     }
 }

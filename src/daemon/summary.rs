@@ -8,6 +8,7 @@ use crate::navigator::shadow::MeasuredDrift;
 use crate::navigator::solution::Mode;
 use crate::navigator::sources::status::{SourceHealth, SourceReport};
 use crate::outbound::handover::{Sending, StandsOn};
+use crate::record::RecordCounts;
 use crate::sample::SampleKind;
 use crate::time::Span;
 use crate::wire::counters::Counters;
@@ -72,6 +73,8 @@ pub struct Summary {
     pub reboots: u32,
     /// What became of signatures.
     pub signing: SigningCounts,
+    /// How the recording fares, where there is one.
+    pub recording: Option<RecordCounts>,
     /// Lines of the log that could not be written.
     pub lines_lost: u64,
 }
@@ -159,6 +162,7 @@ impl Summary {
             (self.words_withheld, "words withheld"),
             (u64::from(self.reboots), "reboots"),
             (self.lines_lost, "lines of the log lost"),
+            (self.recording.map_or(0, |r| r.lost), "frames not recorded, the disk does not keep up"),
         ] {
             if n > 0 {
                 write!(f, ", {n} {what}")?;

@@ -32,7 +32,8 @@ use crate::sample::Input;
 use crate::wire::clock::AutopilotClock;
 use crate::wire::counters::{Cause, Counters};
 use crate::wire::decode::Repairs;
-use crate::wire::frame::SystemId;
+use crate::wire::frame::{Frame, SystemId};
+use crate::wire::recording::Mark;
 use crate::wire::session::identity::Vehicle;
 
 /// An opened log whose vehicle is known.
@@ -84,6 +85,19 @@ struct Listener<'a> {
     entry: &'a mut dyn FnMut(&Entry<'_>),
     /// Every input.
     item: &'a mut dyn FnMut(&AutopilotClock, &Input),
+    /// What a recording says beside them.
+    aside: &'a mut dyn FnMut(&Aside<'_>),
+}
+
+/// What a recording of Holdover's holds beside what was heard: [`crate::wire::recording`].
+#[derive(Clone, Debug)]
+pub enum Aside<'a> {
+    /// What comes next was recorded at this time, µs since 1970.
+    At(u64),
+    /// What holds from here on.
+    Mark(Mark),
+    /// A frame that Holdover sent.
+    Sent(Frame<'a>),
 }
 
 impl Log {
@@ -158,13 +172,26 @@ impl Log {
     /// [`LogError::Io`].
     pub fn play(
         &self,
+        entry: impl FnMut(&Entry<'_>, u64),
+        item: impl FnMut(&AutopilotClock, &Input),
+    ) -> Result<LogSummary, LogError> {
+        self.play_recording(entry, item, |_| {})
+    }
+
+    /// The same, and `aside` sees what a recording says beside.
+    ///
+    /// # Errors
+    /// [`LogError::Io`].
+    pub fn play_recording(
+        &self,
         mut entry: impl FnMut(&Entry<'_>, u64),
         mut item: impl FnMut(&AutopilotClock, &Input),
+        mut aside: impl FnMut(&Aside<'_>),
     ) -> Result<LogSummary, LogError> {
         let io_error = |source| LogError::Io { path: self.path().to_owned(), source };
         let (bytes, progress) = source::open(&self.file).map_err(io_error)?;
         let mut entry = |e: &Entry<'_>| entry(e, progress.read());
-        let mut to = Listener { entry: &mut entry, item: &mut item };
+        let mut to = Listener { entry: &mut entry, item: &mut item, aside: &mut aside };
         let mut summary = match self.format {
             LogFormat::Tlog | LogFormat::RawMavlink => {
                 telemetry::play(bytes, self.format, &self.vehicle, &mut to)

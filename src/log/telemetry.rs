@@ -5,12 +5,13 @@ use std::io::{self, Read};
 
 use crate::time::{Companion, Stamp};
 use crate::wire::decode::Decoder;
-use crate::wire::frame::SystemId;
+use crate::wire::frame::{ComponentId, SystemId};
 use crate::wire::messages;
+use crate::wire::recording::{HeardAs, Mark};
 use crate::wire::session::identity::{Identity, IdentityConfig, Vehicle};
 use crate::wire::tlog::TlogReader;
 
-use super::{Entry, Listener, LogFormat, LogSummary};
+use super::{Aside, Entry, Listener, LogFormat, LogSummary};
 
 /// A log in which the wanted autopilot does not speak.
 pub(super) struct Silent {
@@ -33,7 +34,18 @@ pub(super) fn vehicle(
     let mut reader = reader(bytes, format);
     let mut identity = Identity::new(IdentityConfig { system, ..IdentityConfig::default() });
     let mut heard: BTreeMap<SystemId, u64> = BTreeMap::new();
+    let mut recording = false;
     while let Some(record) = reader.next_record()? {
+        match Mark::of(&record.frame) {
+            Some(Mark::Part { .. }) => recording = true,
+            Some(Mark::Follows { vehicle, .. }) if system.is_none_or(|s| s == vehicle.system) => {
+                return Ok(Ok(vehicle));
+            }
+            _ => {}
+        }
+        if recording {
+            continue;
+        }
         *heard.entry(record.frame.system()).or_default() += 1;
         let at = written(record.written_us).unwrap_or(Stamp::from_micros(0));
         identity.hear(at, &record.frame);
@@ -65,6 +77,7 @@ pub(super) fn play(
     let mut reader = reader(bytes, format);
     let mut decoder = Decoder::new();
     decoder.follow(vehicle);
+    let mut recording = Recorded::default();
     let mut names: BTreeMap<u32, Option<&'static str>> = BTreeMap::new();
     let mut items = Vec::with_capacity(8);
     let mut signed = 0;
@@ -73,7 +86,22 @@ pub(super) fn play(
         let name = *names.entry(id).or_insert_with(|| messages::name_of(id));
         signed += u64::from(frame.is_signed());
         (to.entry)(&Entry { name, id, system: frame.system().0, component: frame.component().0 });
-        decoder.decode(frame, written(record.written_us), &mut items);
+        if let Some(mark) = Mark::of(frame) {
+            recording.mark(&mark, &mut decoder);
+            (to.aside)(&Aside::Mark(mark));
+            continue;
+        }
+        if recording.parts > 0 {
+            (to.aside)(&Aside::At(record.written_us));
+            if frame.component() == ComponentId::ODOMETRY_SOURCE {
+                (to.aside)(&Aside::Sent(*frame));
+            }
+        }
+        match recording.heard_as {
+            HeardAs::Listened => decoder.decode(frame, written(record.written_us), &mut items),
+            HeardAs::Sensor => drop(decoder.decode_sensor(frame, &mut items)),
+            HeardAs::Beside => {}
+        }
         for i in items.drain(..) {
             (to.item)(decoder.clock(), &i);
         }
@@ -88,6 +116,56 @@ pub(super) fn play(
         reboots: decoder.clock().reboots(),
         repairs: decoder.repairs().clone(),
         counters,
+        notes: recording.notes(),
         ..LogSummary::default()
     })
+}
+
+/// What a recording of Holdover's says of itself; nothing of another log.
+#[derive(Debug, Default)]
+struct Recorded {
+    run: u32,
+    parts: u32,
+    heard_as: HeardAs,
+    lost: u64,
+}
+
+impl Recorded {
+    fn mark(&mut self, mark: &Mark, decoder: &mut Decoder) {
+        match mark {
+            Mark::Part { run, part } => {
+                if self.parts == 0 && *part == 1 {
+                    // Nobody is followed before it is said.
+                    *decoder = Decoder::new();
+                }
+                self.parts += 1;
+                self.run = *run;
+                self.heard_as = HeardAs::Listened;
+            }
+            Mark::Follows { vehicle, anew } => {
+                if *anew {
+                    *decoder = Decoder::new();
+                }
+                if !decoder.follows(vehicle) {
+                    decoder.follow(vehicle);
+                }
+            }
+            Mark::Heard(how) => self.heard_as = *how,
+            Mark::Lost(frames) => self.lost += u64::from(*frames),
+            Mark::Stands(_) | Mark::Drill { .. } | Mark::Kept { .. } => {}
+        }
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.parts > 0 {
+            let of = if self.parts == 1 { String::new() } else { format!(", {} files of it", self.parts) };
+            notes.push(format!("recording {} of Holdover{of}", self.run));
+        }
+        if self.lost > 0 {
+            notes
+                .push(format!("{} frames are missing in the recording: the disk did not keep up", self.lost));
+        }
+        notes
+    }
 }

@@ -1,5 +1,7 @@
 //! A log through the pipeline, scored.
 
+use std::cell::RefCell;
+
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +17,10 @@ use crate::time::{AutopilotTime, Span};
 use crate::wire::clock::AutopilotClock;
 
 use crate::log::stretches::Stretches;
-use crate::log::{Log, LogError, LogSummary};
+use crate::log::{Aside, Log, LogError, LogSummary};
+use crate::wire::recording::SentReport;
+
+use super::as_flown::AsFlown;
 
 /// What the solution is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,6 +81,7 @@ pub struct Runner {
     sent: Vec<OutboundMessage>,
     given: Option<Input>,
     solution: Option<Solution>,
+    as_flown: Option<AsFlown>,
 }
 
 /// What came of a replay.
@@ -121,7 +127,27 @@ impl Runner {
             sent: Vec::with_capacity(4),
             given: None,
             solution: None,
+            as_flown: None,
         }
+    }
+
+    /// A recording is flown again as it was flown.
+    pub fn fly_as_flown(&mut self) {
+        self.as_flown = Some(AsFlown::default());
+    }
+
+    /// What a recording says beside its inputs.
+    pub fn aside(&mut self, aside: &Aside<'_>) {
+        if let Some(as_flown) = &mut self.as_flown
+            && let Some((from_s, to_s)) = as_flown.aside(aside, &mut self.pipeline)
+        {
+            self.add_outage(from_s, to_s);
+        }
+    }
+
+    /// How what was sent compares with what a recording says was sent.
+    pub fn sent_again(&self) -> Option<SentReport> {
+        self.as_flown.as_ref().and_then(AsFlown::report)
     }
 
     /// Seconds since the first sample.
@@ -202,9 +228,11 @@ impl Runner {
         self.given = self.faults.alter(t, item);
         let Some(heard) = self.given else { return &self.sent };
         let mut sent = std::mem::take(&mut self.sent);
-        if let Some(solution) = self.pipeline.take(clock, &heard, &mut sent) {
-            self.solution = Some(solution);
-        }
+        let solution = match &mut self.as_flown {
+            Some(as_flown) => as_flown.take(&mut self.pipeline, clock, &heard, &mut sent),
+            None => self.pipeline.take(clock, &heard, &mut sent),
+        };
+        self.solution = solution.or(self.solution.take());
         self.sent = sent;
         if !self.sent.is_empty() {
             for outages in [&mut self.truth.outages, &mut self.gnss.outages] {
@@ -322,12 +350,18 @@ pub fn run(
     let mut runner = Runner::new(settings, outages);
     runner.set_faults(faults.to_vec(), FAULT_SEED);
     runner.pipeline.follow(log.vehicle());
-    let summary = log.play(
+    if outages.is_empty() && faults.is_empty() {
+        runner.fly_as_flown();
+    }
+    let runner = RefCell::new(runner);
+    let summary = log.play_recording(
         |_, position| progress(position),
         |clock, item| {
+            let mut runner = runner.borrow_mut();
             let sent = runner.take(clock, item).to_vec();
             watch(&runner, clock, item, &sent);
         },
+        |aside| runner.borrow_mut().aside(aside),
     )?;
-    Ok((runner, summary))
+    Ok((runner.into_inner(), summary))
 }

@@ -6,8 +6,10 @@
 
 mod directory;
 mod file;
+mod going_on;
 mod kept;
 
 pub use directory::StateDirectory;
 pub use file::{MOST_BYTES, StateFile, read, served_lately};
+pub use going_on::{Moment, go_on};
 pub use kept::{Boot, KeptState, StateError};

@@ -13,7 +13,7 @@ use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::{Registry, Unit};
 
 use super::board::{Board, Shown};
-use super::view::StatusView;
+use super::view::{RecordingView, SourceView, StatusView};
 
 /// Of the text.
 pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -96,7 +96,7 @@ const FAMILIES: &[Family] = &[
         sources(r, |s| s.test_ratio)
     }),
     gauge("holdover_source_health", None, "1 for the health that a source has", |r| {
-        let states = |s: &super::view::SourceView| {
+        let states = |s: &SourceView| {
             states("health", &HEALTHS, &s.health, vec![("source", s.kind.clone()), ("id", s.id.to_string())])
         };
         v(r).sources.iter().flat_map(states).collect()
@@ -121,6 +121,10 @@ const FAMILIES: &[Family] = &[
     gauge("holdover_round_trip", Some("seconds"), "Shortest round trip to the autopilot", |r| {
         v(r).clock.round_trip_ms.iter().flat_map(|ms| one(ms * 1e-3)).collect()
     }),
+    counter("holdover_recorded_bytes", "Bytes recorded", |r| recorded(v(r), |r| r.bytes)),
+    counter("holdover_frames_not_recorded", "Frames missing in the recording", |r| {
+        recorded(v(r), |r| r.lost)
+    }),
     counter("holdover_frames", "Frames taken", |r| one(v(r).input.frames as f64)),
     counter("holdover_frames_rejected", "Frames and values refused, by cause", |r| {
         v(r).input.rejected.iter().map(|c| (vec![("cause", c.cause.clone())], c.count as f64)).collect()
@@ -144,12 +148,16 @@ fn v(r: &MetricsReading) -> &StatusView {
     &r.shown.view
 }
 
+fn recorded(v: &StatusView, value: fn(&RecordingView) -> u64) -> Vec<Sampled> {
+    v.output.recording.iter().flat_map(|r| one(value(r) as f64)).collect()
+}
+
 fn one(value: f64) -> Vec<Sampled> {
     vec![(Vec::new(), value)]
 }
 
-fn sources(r: &MetricsReading, value: fn(&super::view::SourceView) -> Option<f64>) -> Vec<Sampled> {
-    let labels = |s: &super::view::SourceView| vec![("source", s.kind.clone()), ("id", s.id.to_string())];
+fn sources(r: &MetricsReading, value: fn(&SourceView) -> Option<f64>) -> Vec<Sampled> {
+    let labels = |s: &SourceView| vec![("source", s.kind.clone()), ("id", s.id.to_string())];
     v(r).sources.iter().filter_map(|s| Some((labels(s), value(s)?))).collect()
 }
 

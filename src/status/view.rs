@@ -160,6 +160,17 @@ pub struct OutputView {
     pub autopilot_on: Option<String>,
     /// What the autopilot makes of what is sent.
     pub fused: Option<String>,
+    /// How the recording fares, where there is one.
+    pub recording: Option<RecordingView>,
+}
+
+/// How a recording fares.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, ToSchema)]
+pub struct RecordingView {
+    /// Bytes recorded.
+    pub bytes: u64,
+    /// Frames that are missing in it, as the disk was full or did not keep up.
+    pub lost: u64,
 }
 
 /// What comes in.

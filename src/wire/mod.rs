@@ -14,6 +14,7 @@ pub mod gnss_integrity;
 pub mod link;
 pub mod messages;
 pub mod read_ahead;
+pub mod recording;
 mod running_crc;
 pub mod session;
 pub mod signing;

@@ -17,6 +17,7 @@ mod live;
 mod page;
 mod paused;
 mod peers;
+mod recording;
 mod restart;
 mod sensor_link;
 mod signals;

@@ -14,6 +14,7 @@ mod link;
 mod navigator;
 mod observer;
 mod outbound;
+mod record;
 mod signing;
 mod start;
 mod state;
@@ -46,6 +47,7 @@ pub(super) struct AllKeys {
     handover: handover::HandoverKeys,
     log: outbound::LogKeys,
     state: state::StateKeys,
+    record: record::RecordKeys,
     status: status::StatusKeys,
     signing: signing::SigningKeys,
     navigator: navigator::NavigatorKeys,
@@ -65,6 +67,7 @@ pub(super) struct AllKeys {
 #[serde(deny_unknown_fields)]
 struct Tuning {
     link: link::LinkTuning,
+    record: record::RecordTuning,
     handover: handover::HandoverTuning,
     imu: imu::ImuTuning,
     magnetometer: imu::MagnetometerTuning,
@@ -91,6 +94,7 @@ pub static SECTIONS: &[Section] = &[
     handover::HandoverKeys::SECTION,
     outbound::LogKeys::SECTION,
     state::StateKeys::SECTION,
+    record::RecordKeys::SECTION,
     status::StatusKeys::SECTION,
     navigator::NavigatorKeys::SECTION,
     holdover::HoldoverKeys::SECTION,
@@ -103,6 +107,7 @@ pub static SECTIONS: &[Section] = &[
     flow::FlowKeys::SECTION,
     landmarks::LandmarksKeys::SECTION,
     link::LinkTuning::SECTION,
+    record::RecordTuning::SECTION,
     handover::HandoverTuning::SECTION,
     imu::ImuTuning::SECTION,
     imu::MagnetometerTuning::SECTION,
@@ -154,6 +159,7 @@ impl AllKeys {
             source_switch: self.handover.settings(&tuning.handover, complain),
             log: self.log.settings(),
             state: StateDirectory::new(&self.state.dir),
+            record: self.record.settings(&self.tuning.record),
             status: self.status.settings(complain),
             pipeline: PipelineSettings { navigator: self.navigator(complain), outbound, profile },
         }

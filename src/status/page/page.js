@@ -75,6 +75,8 @@ function facts(s) {
   const add = (name, text) => { if (text) rows.push(element('dt', name), element('dd', text)); };
   add('autopilot stands on', s.output.autopilot_on);
   add('it makes of ours', s.output.fused);
+  const rec = s.output.recording;
+  if (rec) add('recorded', `${(rec.bytes / 1e6).toFixed(1)} MB${rec.lost ? ', ' + rec.lost + ' frames missing' : ''}`);
   add('sent', `${s.output.sent}${s.output.withheld ? ', ' + s.output.withheld + ' withheld' : ''}${s.output.quality == null ? '' : ', quality ' + s.output.quality}`);
   add('received', `${s.input.frames} frames, ${s.input.rate_hz.toFixed(0)} a second`);
   add('rejected', s.input.rejected.map((c) => `${c.count} ${c.cause}`).join(', ') || 'nothing');

@@ -123,6 +123,11 @@ impl Decoder {
         self.nature = Nature::default();
     }
 
+    /// Whether it follows this autopilot.
+    pub fn follows(&self, vehicle: &Vehicle) -> bool {
+        self.vehicle == Some((vehicle.system, vehicle.component))
+    }
+
     /// The autopilot's clock.
     pub fn clock(&self) -> &AutopilotClock {
         &self.clock

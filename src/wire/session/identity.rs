@@ -42,6 +42,15 @@ impl AutopilotKind {
             other => AutopilotKind::Other(other),
         }
     }
+
+    /// Its `MAV_AUTOPILOT`.
+    pub(crate) fn to_wire(self) -> u8 {
+        match self {
+            AutopilotKind::ArduPilot => 3,
+            AutopilotKind::Px4 => 12,
+            AutopilotKind::Other(number) => number,
+        }
+    }
 }
 
 impl fmt::Display for AutopilotKind {

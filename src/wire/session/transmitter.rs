@@ -6,6 +6,7 @@ use super::Address;
 use super::outgoing::FrameWriter;
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::frame::{ComponentId, SystemId};
+use crate::wire::frame_bytes::FrameBytes;
 use crate::wire::link::{LinkHandles, LinkId, ReplyRoute, SendOutcome};
 
 /// The autopilot may be heard on another link after so long without it on the one that is listened to.
@@ -17,6 +18,8 @@ pub struct Transmitter {
     handles: LinkHandles,
     writers: Vec<FrameWriter>,
     route: ReplyRoute,
+    /// What was sent, where somebody records it.
+    sent: Option<Vec<FrameBytes>>,
 }
 
 impl Transmitter {
@@ -24,7 +27,17 @@ impl Transmitter {
     pub fn new(handles: LinkHandles, system: SystemId) -> Self {
         let from = Address { system, component: ComponentId::ODOMETRY_SOURCE };
         let writers = handles.ids().map(|_| FrameWriter::new(from)).collect();
-        Self { handles, writers, route: ReplyRoute::new(PATIENCE) }
+        Self { handles, writers, route: ReplyRoute::new(PATIENCE), sent: None }
+    }
+
+    /// Remembers what is sent from now on, for [`Transmitter::take_sent`].
+    pub fn remember(&mut self) {
+        self.sent = Some(Vec::with_capacity(16));
+    }
+
+    /// What was sent since this was asked last, without signatures.
+    pub fn take_sent(&mut self) -> impl Iterator<Item = FrameBytes> + '_ {
+        self.sent.iter_mut().flat_map(|sent| sent.drain(..))
     }
 
     /// Speaks as a part of `system` from now on.
@@ -69,7 +82,13 @@ impl Transmitter {
             Some(since) => self.handles.send_since(link, frame, since),
             None => self.handles.send(link, frame),
         };
-        matches!(outcome, SendOutcome::Queued | SendOutcome::QueuedOldestDropped)
+        let queued = matches!(outcome, SendOutcome::Queued | SendOutcome::QueuedOldestDropped);
+        if let Some(sent) = &mut self.sent
+            && queued
+        {
+            sent.push(frame);
+        }
+        queued
     }
 
     /// Whether the autopilot is listened to on `link`, of which it was heard just now; and whether that is another link than

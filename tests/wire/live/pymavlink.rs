@@ -71,3 +71,11 @@ pub fn sign(arguments: &[&str], bytes: &[u8]) -> Vec<u8> {
     assert!(output.status.success(), "pymavlink: {}", String::from_utf8_lossy(&output.stderr));
     output.stdout
 }
+
+/// A telemetry log as pymavlink's tools read it: see `read_tlog.py`.
+pub fn tlog(path: &Path) -> Value {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wire/live/read_tlog.py");
+    let output = Command::new(python()).arg(script).arg(path).output().unwrap();
+    assert!(output.status.success(), "pymavlink: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
