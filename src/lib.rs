@@ -59,6 +59,7 @@ mod files;
 pub mod filter;
 mod fleet;
 pub mod geo;
+mod init;
 pub mod landmark;
 pub mod log;
 pub mod metrics;

@@ -5,9 +5,11 @@ mod output;
 
 mod autopilot;
 mod check;
+mod conversation;
 mod evaluate;
 mod export;
 mod flight;
+mod init;
 mod inspect;
 mod jobs;
 mod key;
@@ -49,6 +51,8 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong command line or 
 enum Command {
     /// Navigate: listen to the autopilot, and tell it where it is when GNSS drops
     Run(run::RunArgs),
+    /// Listen to a link, say what is there, and write a configuration for it
+    Init(init::InitArgs),
     /// Check over the link that the autopilot is set up for what will be sent to it
     Preflight(preflight::PreflightArgs),
     /// Fly a log again: what Holdover would have done
@@ -190,6 +194,7 @@ impl From<csv::Error> for Failure {
 fn run(cli: Cli) -> Result<(), Failure> {
     match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Init(args) => init::run(&args),
         Command::Preflight(args) => preflight::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Report(args) => report::run(&args),

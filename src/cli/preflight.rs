@@ -1,35 +1,18 @@
 //! `holdover preflight`: is the autopilot set up for what Holdover will send, and does it send what Holdover needs?
 
-use std::sync::Arc;
-use std::time::Duration;
-
 use clap::Args;
 use serde_json::{Value, json};
-use tokio::time::{MissedTickBehavior, interval};
-use tokio_util::sync::CancellationToken;
 
 use crate::config::{Origin, Settings};
-use crate::daemon::{CODE_NO_AUTOPILOT, endpoints, link_config};
-use crate::preflight::conversation::{Preflight, PreflightEnd, PreflightReport, WrittenParameter};
+use crate::preflight::conversation::{PreflightEnd, PreflightReport, WrittenParameter};
 use crate::preflight::finding::{Finding, FindingGrade, plain};
 use crate::preflight::outlook::outlook;
 use crate::preflight::{Needs, untold};
 use crate::sample::SampleKind;
-use crate::time::Span;
-use crate::wire::companion_clock::CompanionClock;
 use crate::wire::endpoint::Endpoint;
-use crate::wire::frame::SystemId;
-use crate::wire::link::{LinkConfig, Links, ReceivedFrame};
-use crate::wire::session::heartbeat::{HeartbeatSender, SystemStatus};
-use crate::wire::session::transmitter::Transmitter;
-use crate::wire::signing::{Signing, SigningWatch};
 
+use super::conversation::{Conversation, converse};
 use super::{ConfigArgs, Failure, warn};
-
-/// Timers are looked at this often.
-const TICK: Duration = Duration::from_millis(50);
-/// How long the links may take to close.
-const CLOSING: Duration = Duration::from_secs(1);
 
 /// Arguments of `preflight`.
 #[derive(Debug, Args)]
@@ -71,7 +54,14 @@ pub fn run(args: &PreflightArgs) -> Result<(), Failure> {
     }
     let needs = Needs::of(&settings, args.altitude);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let report = match runtime.block_on(converse(&settings, &needs, args))? {
+    let plan = Conversation {
+        settings: &settings,
+        needs: &needs,
+        write: args.write,
+        wait_s: args.wait,
+        listen_s: None,
+    };
+    let report = match runtime.block_on(converse(&plan, &mut |_, _, _| {}))?.end {
         PreflightEnd::Read(report) => report,
         PreflightEnd::NoAutopilot(systems) => {
             return Err(Failure::Link(no_autopilot(&settings, &systems, args.wait)));
@@ -96,7 +86,7 @@ pub fn run(args: &PreflightArgs) -> Result<(), Failure> {
     }
 }
 
-fn no_autopilot(settings: &Settings, systems: &[u8], wait: u16) -> String {
+pub(super) fn no_autopilot(settings: &Settings, systems: &[u8], wait: u16) -> String {
     let at: Vec<String> = settings.endpoints.iter().map(ToString::to_string).collect();
     let at = at.join(", ");
     match (settings.system, systems) {
@@ -117,7 +107,7 @@ fn systems_named(systems: &[u8]) -> String {
     names.join(", ")
 }
 
-fn several(vehicles: &[u8]) -> String {
+pub(super) fn several(vehicles: &[u8]) -> String {
     let first = vehicles.first().copied().unwrap_or_default();
     format!(
         "{} are heard: say which is meant, as in --set vehicle.system_id={first}",
@@ -125,80 +115,7 @@ fn several(vehicles: &[u8]) -> String {
     )
 }
 
-/// Holds the conversation over the links, until it has an end.
-async fn converse(settings: &Settings, needs: &Needs, args: &PreflightArgs) -> Result<PreflightEnd, Failure> {
-    let (clock, close) = (CompanionClock::new(), CancellationToken::new());
-    let states = settings.state.make(|name| std::env::var(name).ok()).ok().flatten();
-    let signing = Signing::beside(&settings.signing, states.as_deref(), endpoints(settings).len())
-        .map_err(|e| Failure::Usage(e.to_string()))?;
-    if let Some(told) = &signing.told {
-        eprintln!("holdover: {told}");
-    }
-    let config = LinkConfig { signing: Arc::clone(&signing.gate), ..link_config(settings) };
-    let mut links = Links::open(&settings.endpoints, config, clock.clone(), close.clone())
-        .await
-        .map_err(|e| Failure::Link(e.to_string()))?;
-    let handles = links.handles.clone();
-    let mut transmitter = Transmitter::new(handles.clone(), settings.system.unwrap_or(SystemId(1)));
-    let wait = Span::from_millis(i64::from(args.wait) * 1000);
-    let mut preflight = Preflight::new(settings, needs.clone(), args.write, clock.now(), wait);
-    let mut beat = HeartbeatSender::default();
-    let mut tick = interval(TICK);
-    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let end = loop {
-        tokio::select! {
-            biased;
-            _ = tick.tick() => {
-                let now = clock.now();
-                if let Some(beat) = beat.poll(now, SystemStatus::Boot, CODE_NO_AUTOPILOT) {
-                    transmitter.broadcast(&beat);
-                }
-                for message in preflight.poll(now).messages {
-                    transmitter.answer(&message);
-                }
-                if let Some(end) = preflight.end() {
-                    break end.clone();
-                }
-            }
-            Some(event) = links.events.recv() => preflight.link_event(&event),
-            frame = links.inbound.recv() => {
-                let Some(frame) = frame else { break PreflightEnd::FellSilent };
-                hear(&mut preflight, &mut transmitter, &frame, &clock);
-            }
-        }
-    };
-    close.cancel();
-    if let Some(refused) = SigningWatch::default().poll(clock.now(), &handles.signing()) {
-        eprintln!("holdover: {refused}");
-    }
-    // A link that does not close has no say in what was found.
-    let _ = tokio::time::timeout(CLOSING, handles.closed()).await;
-    Ok(end)
-}
-
-fn hear(
-    preflight: &mut Preflight,
-    transmitter: &mut Transmitter,
-    received: &ReceivedFrame,
-    clock: &CompanionClock,
-) {
-    let Some(frame) = received.frame().filter(|_| received.known) else { return };
-    let at = received.received;
-    let ours = preflight.sent_by_autopilot(&frame);
-    if ours && !transmitter.listens(received.link, at).0 {
-        return;
-    }
-    let reply = preflight.hear(&frame, at, clock.now());
-    if !ours && let Some(vehicle) = preflight.vehicle().filter(|_| preflight.sent_by_autopilot(&frame)) {
-        transmitter.belong_to(vehicle.system);
-        transmitter.listens(received.link, at);
-    }
-    if let Some(answer) = reply.answer {
-        transmitter.answer(&answer);
-    }
-}
-
-fn to_json(report: &PreflightReport, needs: &Needs) -> Value {
+pub(super) fn to_json(report: &PreflightReport, needs: &Needs) -> Value {
     let r = &report.readings;
     let rate = |k: &SampleKind| (k.label().to_owned(), json!(r.has(*k).then_some(r.rate_hz(*k))));
     json!({
@@ -241,12 +158,7 @@ fn print(report: &PreflightReport, needs: &Needs) {
     if let Some(why) = report.not_written {
         outln!("\nNothing was set: {why}");
     }
-    for (grade, headline) in [(FindingGrade::Fault, "Faults"), (FindingGrade::Advice, "Worth knowing")] {
-        if report.findings.iter().any(|f| f.grade == grade) {
-            outln!("\n{headline}");
-            report.findings.iter().filter(|f| f.grade == grade).for_each(print_finding);
-        }
-    }
+    print_findings(&report.findings);
     let unknown = untold(r);
     if report.answers_parameters && !unknown.is_empty() {
         outln!("\nUnknown to this autopilot: {}", unknown.join(", "));
@@ -255,6 +167,16 @@ fn print(report: &PreflightReport, needs: &Needs) {
     outln!("  {}", outlook(r, needs).text);
     if report.ready() && report.answers_parameters {
         outln!("\nReady");
+    }
+}
+
+/// What is wrong, and what is worth knowing.
+pub(super) fn print_findings(findings: &[Finding]) {
+    for (grade, headline) in [(FindingGrade::Fault, "Faults"), (FindingGrade::Advice, "Worth knowing")] {
+        if findings.iter().any(|f| f.grade == grade) {
+            outln!("\n{headline}");
+            findings.iter().filter(|f| f.grade == grade).for_each(print_finding);
+        }
     }
 }
 

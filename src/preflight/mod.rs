@@ -10,6 +10,7 @@ mod needs;
 pub mod outlook;
 mod px4;
 pub mod readings;
+pub mod recent_rate;
 mod rule;
 mod streams;
 #[cfg(test)]

@@ -94,6 +94,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         ],
     ),
     ("preflight", &["config", "navigator", "outbound", "sample", "time", "wire"]),
+    ("init", &["config", "preflight", "sample", "time", "wire"]),
     (
         "cli",
         &[
@@ -106,6 +107,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "files",
             "fleet",
             "geo",
+            "init",
             "log",
             "metrics",
             "navigator",

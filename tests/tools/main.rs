@@ -16,6 +16,7 @@ mod export;
 mod files;
 mod fleet;
 mod flights;
+mod init;
 mod inspect;
 mod marker_log;
 mod preflight;

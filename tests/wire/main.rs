@@ -12,6 +12,7 @@ mod day_in_the_air;
 mod double;
 mod forged;
 mod hand_over;
+mod init;
 mod links;
 mod live;
 mod page;

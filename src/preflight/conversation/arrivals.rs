@@ -1,17 +1,15 @@
 //! What comes of the vehicle's sensors, and how often.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
+use crate::preflight::recent_rate::RecentRate;
 use crate::sample::{Airframe, Input, RangeDirection, Sample, SampleKind};
-use crate::time::{Companion, Span, Stamp};
-
-/// Rates are those of the last so long.
-const WINDOW: Span = Span::from_millis(4000);
+use crate::time::{Companion, Stamp};
 
 /// Samples as they arrive, by kind and sensor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Arrivals {
-    stamps: BTreeMap<(SampleKind, u8), VecDeque<Stamp<Companion>>>,
+    rates: BTreeMap<(SampleKind, u8), RecentRate>,
     gnss_fix: bool,
     airframe: Option<Airframe>,
 }
@@ -22,23 +20,11 @@ impl Arrivals {
         match input {
             Input::Status(status) => self.airframe = status.airframe,
             Input::Sample(sample) => {
-                let sensor = match sample {
-                    Sample::Imu(_) | Sample::Airspeed(_) => 0,
-                    Sample::Mag(s) => s.sensor,
-                    Sample::Gnss(s) => {
-                        self.gnss_fix = s.position.is_some();
-                        s.receiver
-                    }
-                    Sample::Pressure(s) => s.sensor,
-                    Sample::Flow(s) => s.sensor,
-                    Sample::Range(s) if s.direction != RangeDirection::Down => return,
-                    Sample::Range(s) => s.sensor,
-                    Sample::Landmark(s) => s.camera,
-                };
-                let stamps = self.stamps.entry((sample.kind(), sensor)).or_default();
-                stamps.push_back(at);
-                while stamps.front().is_some_and(|&first| at - first > WINDOW) {
-                    stamps.pop_front();
+                if let Sample::Gnss(fix) = sample {
+                    self.gnss_fix = fix.position.is_some();
+                }
+                if let Some(unit) = sensor_unit(sample) {
+                    self.rates.entry((sample.kind(), unit)).or_default().note(at);
                 }
             }
             Input::Reference(_) | Input::Origin(_) | Input::Clock(_) => {}
@@ -58,11 +44,24 @@ impl Arrivals {
     /// The rate of the fastest sensor of each kind, Hz.
     pub(super) fn rates_hz(&self, now: Stamp<Companion>) -> [f64; SampleKind::ALL.len()] {
         let mut rates = [0.0f64; SampleKind::ALL.len()];
-        for ((kind, _), stamps) in &self.stamps {
-            let n = stamps.iter().filter(|&&s| now - s <= WINDOW).count();
+        for ((kind, _), recent) in &self.rates {
             let rate = &mut rates[*kind as usize];
-            *rate = rate.max(n as f64 / WINDOW.seconds());
+            *rate = rate.max(recent.hz(now));
         }
         rates
     }
+}
+
+/// Which of several sensors of its kind tells this; `None` for one that says nothing of height: a rangefinder that does not look down.
+pub fn sensor_unit(sample: &Sample) -> Option<u8> {
+    Some(match sample {
+        Sample::Imu(_) | Sample::Airspeed(_) => 0,
+        Sample::Mag(s) => s.sensor,
+        Sample::Gnss(s) => s.receiver,
+        Sample::Pressure(s) => s.sensor,
+        Sample::Flow(s) => s.sensor,
+        Sample::Range(s) if s.direction != RangeDirection::Down => return None,
+        Sample::Range(s) => s.sensor,
+        Sample::Landmark(s) => s.camera,
+    })
 }

@@ -29,6 +29,7 @@ use super::finding::{Finding, FindingGrade};
 use super::readings::Readings;
 use super::{Needs, judge, wanted_parameters};
 use arrivals::Arrivals;
+pub use arrivals::sensor_unit;
 
 /// Streams are listened to for this long at least: they are asked for one after the other, and measured for 4 s.
 const LISTEN: Span = Span::from_millis(9000);
@@ -128,6 +129,8 @@ pub struct Preflight {
     needs: Needs,
     system: Option<SystemId>,
     write: bool,
+    /// Streams are listened to for so long at least.
+    listen: Span,
     /// When to stop to wait for an autopilot.
     give_up: Stamp<Companion>,
     session: AutopilotSession,
@@ -148,6 +151,7 @@ impl Preflight {
             needs,
             system: settings.system,
             write,
+            listen: LISTEN,
             give_up: now + wait,
             session: AutopilotSession::new(settings.identity(), settings.streams, settings.source_switch),
             decoder: Decoder::new(),
@@ -158,6 +162,11 @@ impl Preflight {
             phase: PreflightPhase::Waiting,
             inputs: Vec::new(),
         }
+    }
+
+    /// The same, listening for another time at least.
+    pub fn listening_for(self, listen: Span) -> Self {
+        Self { listen, ..self }
     }
 
     /// The vehicle, once its autopilot was heard.
@@ -185,8 +194,14 @@ impl Preflight {
         }
     }
 
+    /// What the newest frame told of the vehicle.
+    pub fn newest_inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+
     /// Takes note of a frame whose checksum was tested, received at `at` and read at `now`. Returns what to answer at once.
     pub fn hear(&mut self, frame: &Frame<'_>, at: Stamp<Companion>, now: Stamp<Companion>) -> Reply {
+        self.inputs.clear();
         self.company.note(frame);
         let (sender, event) = self.session.hear(at, frame);
         if let Some(IdentityEvent::Replaced { .. }) = event {
@@ -211,11 +226,11 @@ impl Preflight {
         let mut inputs = std::mem::take(&mut self.inputs);
         self.decoder.decode(frame, Some(now), &mut inputs);
         self.session.stamped(self.decoder.clock().newest(), at);
-        for input in inputs.drain(..) {
+        for input in &inputs {
             if matches!(input, Input::Origin(_)) {
                 self.session.origin_heard();
             }
-            self.arrivals.note(&input, at);
+            self.arrivals.note(input, at);
         }
         self.inputs = inputs;
         reply
@@ -262,7 +277,7 @@ impl Preflight {
             PreflightPhase::Reading { since } => {
                 let imu = self.arrivals.rates_hz(now)[SampleKind::Imu as usize] > 0.0;
                 let elapsed = now - *since;
-                if elapsed >= LONGEST || (elapsed >= LISTEN && asked && imu) {
+                if elapsed >= LONGEST.max(self.listen) || (elapsed >= self.listen && asked && imu) {
                     self.read_out(now);
                 }
             }

@@ -35,7 +35,7 @@ pub enum AutopilotKind {
 
 impl AutopilotKind {
     /// By its `MAV_AUTOPILOT`.
-    pub(crate) fn from_wire(autopilot: u8) -> Self {
+    pub fn from_wire(autopilot: u8) -> Self {
         match autopilot {
             3 => AutopilotKind::ArduPilot,
             12 => AutopilotKind::Px4,
