@@ -7,7 +7,7 @@ use crate::wire::endpoint::Endpoint;
 use crate::wire::session::identity::AutopilotKind;
 
 use super::draft::{Draft, DraftHint};
-use super::survey::{Survey, vehicle_word};
+use super::survey::{LinkSurvey, vehicle_word};
 
 /// Where to begin with a kind of vehicle: the files of `config/`.
 const COPTER: &str = include_str!("../../config/copter.toml");
@@ -68,7 +68,7 @@ fn texts(endpoints: &[Endpoint]) -> String {
 }
 
 /// Everything that follows from what was heard of a vehicle.
-pub fn vehicle(draft: &mut Draft, survey: &Survey, report: &PreflightReport) {
+pub fn vehicle(draft: &mut Draft, survey: &LinkSurvey, report: &PreflightReport) {
     let readings = &report.readings;
     let v = &readings.vehicle;
     let version = v.version.map_or_else(String::new, |version| format!(" {version}"));
@@ -90,7 +90,7 @@ pub fn vehicle(draft: &mut Draft, survey: &Survey, report: &PreflightReport) {
 }
 
 /// Where others are that could be followed, it is said who is.
-fn whom_to_follow(draft: &mut Draft, survey: &Survey, readings: &Readings) {
+fn whom_to_follow(draft: &mut Draft, survey: &LinkSurvey, readings: &Readings) {
     let (system, component) = (readings.vehicle.system.0, readings.vehicle.component.0);
     let others: Vec<u8> = survey.vehicles().into_iter().filter(|s| *s != system).collect();
     if !others.is_empty() && !draft.sets("vehicle.system_id") {
@@ -149,7 +149,7 @@ fn flatten(path: &str, value: &serde_json::Value, out: &mut Vec<(String, String)
 }
 
 /// Some autopilots sign, and take what is not signed all the same: `answered` says that ours was.
-fn signatures(draft: &mut Draft, survey: &Survey, answered: bool) {
+fn signatures(draft: &mut Draft, survey: &LinkSurvey, answered: bool) {
     if survey.signed == 0 || draft.sets("signing.key_file") {
         return;
     }
@@ -165,7 +165,7 @@ fn signatures(draft: &mut Draft, survey: &Survey, answered: bool) {
 }
 
 /// A camera's computer does not tell how the camera is mounted; an autopilot's own sensor is turned by the autopilot.
-fn camera(draft: &mut Draft, survey: &Survey, readings: &Readings) {
+fn camera(draft: &mut Draft, survey: &LinkSurvey, readings: &Readings) {
     let flow = survey.sensors.iter().find(|((kind, _), _)| *kind == SampleKind::Flow);
     let Some((_, flow)) = flow.filter(|(_, f)| f.from.1 != readings.vehicle.component.0) else { return };
     let component = flow.from.1;
@@ -184,7 +184,7 @@ fn camera(draft: &mut Draft, survey: &Survey, readings: &Readings) {
     });
 }
 
-fn landmarks(draft: &mut Draft, survey: &Survey) {
+fn landmarks(draft: &mut Draft, survey: &LinkSurvey) {
     let heard = survey.sensors.keys().any(|(kind, _)| *kind == SampleKind::Landmark);
     if heard && !draft.sets("landmarks.points") {
         landmark_hint(draft);
@@ -254,8 +254,8 @@ mod tests {
     }
 
     /// Heartbeats of autopilots, and flow of component 100 in the second frame.
-    fn survey(autopilots: &[(u8, u8)], flow: bool) -> Survey {
-        let mut survey = Survey::default();
+    fn survey(autopilots: &[(u8, u8)], flow: bool) -> LinkSurvey {
+        let mut survey = LinkSurvey::default();
         for (system, component) in autopilots {
             let frame = heartbeat_frame(*system, *component, 2, 3, 0);
             survey.hear(&frame.frame().unwrap(), Stamp::from_micros(0), &[]);
@@ -307,6 +307,15 @@ mod tests {
         draft.set_as_told("streams.imu_hz=100");
         links(&mut draft, &endpoints, "", |_| false);
         assert_eq!(differing(&draft)[1], ("streams.imu_hz".to_owned(), "100".to_owned()));
+    }
+
+    #[test]
+    fn sensors_of_their_own_have_a_link_of_their_own() {
+        let mut draft = Draft::default();
+        sensor_links(&mut draft, &[]);
+        assert_eq!(differing(&draft), []);
+        sensor_links(&mut draft, &["udpin:127.0.0.1:14551".parse().unwrap()]);
+        assert_eq!(differing(&draft), pairs(&[("link.sensor_endpoints", "[\"udpin:127.0.0.1:14551\"]")]));
     }
 
     #[test]

@@ -53,7 +53,7 @@ impl HeardSensor {
 
 /// See the module's documentation.
 #[derive(Clone, Debug, Default)]
-pub struct Survey {
+pub struct LinkSurvey {
     /// By system and component.
     pub speakers: BTreeMap<(u8, u8), LinkSpeaker>,
     /// By kind and number.
@@ -86,7 +86,7 @@ impl fmt::Display for SpeakerWord {
     }
 }
 
-impl Survey {
+impl LinkSurvey {
     /// Takes note of a frame whose checksum was tested, that came at `at` and told `inputs` of the vehicle's sensors.
     pub fn hear(&mut self, frame: &Frame<'_>, at: Stamp<Companion>, inputs: &[Input]) {
         self.frames += 1;

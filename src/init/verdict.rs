@@ -9,7 +9,7 @@ use crate::time::{Companion, Stamp};
 use crate::wire::messages::name_of;
 use crate::wire::session::identity::AutopilotKind;
 
-use super::survey::{HeardSensor, Survey};
+use super::survey::{HeardSensor, LinkSurvey};
 
 /// From these rates on a sensor is as fast as is wanted, Hz: below, it is weak.
 const GOOD_HZ: [(SampleKind, f64); 8] = [
@@ -74,7 +74,7 @@ pub struct SensorVerdict {
 }
 
 /// Every sensor that was heard, and those that were not and are of use to this vehicle.
-pub fn verdicts(survey: &Survey, readings: &Readings) -> Vec<SensorVerdict> {
+pub fn verdicts(survey: &LinkSurvey, readings: &Readings) -> Vec<SensorVerdict> {
     let Some(now) = survey.newest else { return Vec::new() };
     let mut out = Vec::new();
     for &kind in SampleKind::ALL {
@@ -214,4 +214,129 @@ fn missing(kind: SampleKind, readings: &Readings) -> Option<SensorVerdict> {
         tells: None,
         remark: Some(remark),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::geo::Body;
+    use crate::preflight::readings::Readings;
+    use crate::sample::{
+        FlowRotation, FlowSample, GnssSample, Input, MagSample, RangeDirection, RangeSample,
+    };
+    use crate::time::{AutopilotTime, Span};
+    use crate::wire::frame::{ComponentId, SystemId};
+    use crate::wire::session::heartbeat_fields::testing::heartbeat_frame;
+    use crate::wire::session::identity::Vehicle;
+
+    const T: AutopilotTime = AutopilotTime::from_micros(1);
+
+    fn readings(airframe: Airframe, heard: &[SampleKind]) -> Readings {
+        let mut rates_hz = [0.0; SampleKind::ALL.len()];
+        heard.iter().for_each(|k| rates_hz[*k as usize] = 10.0);
+        let (system, component) = (SystemId(1), ComponentId(1));
+        let autopilot = AutopilotKind::Px4;
+        let vehicle = Vehicle { system, component, autopilot, vehicle_type: 2, armed: false, version: None };
+        Readings {
+            vehicle,
+            airframe: Some(airframe),
+            mavlink1: false,
+            rates_hz,
+            gnss_fix: false,
+            round_trip: None,
+            parameters: Default::default(),
+            untold: Vec::new(),
+        }
+    }
+
+    /// The verdict of a sensor that told `sample` at `hz` for 4 s, by a component.
+    fn of(sample: Sample, hz: i64, component: u8) -> SensorVerdict {
+        let mut survey = LinkSurvey::default();
+        let frame = heartbeat_frame(1, component, 2, 12, 0);
+        for i in 0..4 * hz {
+            let at = Stamp::from_micros(i * 1_000_000 / hz);
+            survey.hear(&frame.frame().unwrap(), at, &[Input::Sample(sample)]);
+        }
+        let kind = sample.kind();
+        let all = verdicts(&survey, &readings(Airframe::Multirotor, &[kind]));
+        all.into_iter().find(|v| v.sensor == kind.label()).unwrap()
+    }
+
+    fn fix(satellites: u8, position: bool) -> Sample {
+        Sample::Gnss(GnssSample {
+            time: T,
+            receiver: 0,
+            fix: if position { GnssFix::ThreeD } else { GnssFix::None },
+            position: position.then(|| crate::geo::Geodetic::from_degrees(1.0, 2.0, 3.0)),
+            ground_velocity: None,
+            horizontal_accuracy_m: Some(0.8),
+            vertical_accuracy_m: None,
+            speed_accuracy_mps: None,
+            satellites: Some(satellites),
+            warning: None,
+        })
+    }
+
+    fn flow(quality: f64) -> Sample {
+        let rotation = FlowRotation::Contained;
+        let (time, interval) = (T, Span::ZERO);
+        Sample::Flow(FlowSample {
+            time,
+            sensor: 0,
+            interval,
+            rate_xy: [0.0; 2],
+            rotation,
+            quality,
+            distance_m: None,
+        })
+    }
+
+    fn range(distance_m: f64) -> Sample {
+        let (direction, limits_m) = (RangeDirection::Down, Some([0.1, 40.0]));
+        Sample::Range(RangeSample { time: T, sensor: 0, direction, distance_m, limits_m })
+    }
+
+    fn field(ut: f64) -> Sample {
+        Sample::Mag(MagSample { time: T, sensor: 0, field: Body::new(Vector3::new(ut * 1e-6, 0.0, 0.0)) })
+    }
+
+    #[test]
+    fn a_sensor_is_good_or_it_is_said_what_is_not() {
+        for (sample, hz) in [(fix(12, true), 5), (flow(0.6), 20), (range(3.0), 20), (field(48.0), 50)] {
+            let v = of(sample, hz, 1);
+            assert_eq!((v.grade, v.remark.clone(), v.component), (SensorGrade::Good, None, None), "{v:?}");
+            assert!((v.rate_hz - hz as f64).abs() <= 0.5, "{v:?}");
+        }
+        for (sample, hz, why) in [
+            (fix(12, false), 5, "no fix yet"),
+            (fix(3, true), 5, "too few satellites"),
+            (flow(0.6), 3, "slow: 8 Hz"),
+            (flow(0.0), 20, "sees nothing"),
+            (range(60.0), 20, "beyond its limits"),
+            (field(300.0), 50, "not Earth's field"),
+        ] {
+            let v = of(sample, hz, 1);
+            let told = v.remark.unwrap_or_default();
+            assert!(v.grade == SensorGrade::Weak && told.contains(why), "{why}: {told}");
+        }
+        assert_eq!(of(flow(0.6), 20, 100).component, Some(100), "whose it is");
+        assert_eq!(of(fix(12, true), 5, 1).tells.as_deref(), Some("3D fix, 12 satellites, claims 0.8 m"));
+    }
+
+    #[test]
+    fn what_is_not_there_is_missed_where_the_vehicle_would_use_it() {
+        let missed = |airframe, heard: &[SampleKind]| -> Vec<String> {
+            let survey = LinkSurvey { newest: Some(Stamp::from_micros(0)), ..LinkSurvey::default() };
+            let all = verdicts(&survey, &readings(airframe, heard));
+            assert!(all.iter().all(|v| v.grade == SensorGrade::Missing && v.remark.is_some()));
+            all.into_iter().map(|v| v.sensor).collect()
+        };
+        let always = ["IMU", "magnetometer", "GNSS", "barometer", "optical flow"];
+        assert_eq!(missed(Airframe::Multirotor, &[]), always);
+        assert_eq!(missed(Airframe::FixedWing, &[]), [&always[..], &["airspeed"]].concat());
+        let with_flow = missed(Airframe::Multirotor, &[SampleKind::Flow]);
+        assert!(with_flow.contains(&"rangefinder".to_owned()), "{with_flow:?}");
+    }
 }

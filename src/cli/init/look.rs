@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr};
+use std::path::Path;
 use std::time::Duration;
 
 use futures_util::future::join_all;
@@ -11,7 +12,7 @@ use tokio::time::{Instant, timeout_at};
 use tokio_util::sync::CancellationToken;
 
 use crate::daemon::CODE_NO_AUTOPILOT;
-use crate::init::survey::Survey;
+use crate::init::survey::LinkSurvey;
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::counters::Cause;
 use crate::wire::endpoint::Endpoint;
@@ -47,9 +48,9 @@ pub(super) struct Chosen {
 
 /// What was found at a place.
 #[derive(Clone, Debug)]
-pub(super) enum Outcome {
+pub(super) enum LookOutcome {
     /// MAVLink: by whom.
-    Speaks(Endpoint, Box<Survey>),
+    Speaks(Endpoint, Box<LinkSurvey>),
     /// Nothing of use, in words.
     Nothing(String),
 }
@@ -58,18 +59,18 @@ pub(super) enum Outcome {
 #[derive(Clone, Debug)]
 pub(super) struct LookedAt {
     pub(super) place: String,
-    pub(super) outcome: Outcome,
+    pub(super) outcome: LookOutcome,
 }
 
 impl fmt::Display for LookedAt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.outcome {
-            Outcome::Speaks(endpoint, survey) => {
+            LookOutcome::Speaks(endpoint, survey) => {
                 let words: Vec<String> = survey.words().iter().map(ToString::to_string).collect();
                 let who = if words.is_empty() { "MAVLink".to_owned() } else { words.join(", ") };
                 write!(f, "{endpoint}: {who}")
             }
-            Outcome::Nothing(why) => write!(f, "{}: {why}", self.place),
+            LookOutcome::Nothing(why) => write!(f, "{}: {why}", self.place),
         }
     }
 }
@@ -96,7 +97,7 @@ pub(super) async fn choose(args: &InitArgs) -> Result<Chosen, Failure> {
         join_all(devices.iter().map(|device| serial_device(device)))
     );
     let looked_at: Vec<LookedAt> = serial.into_iter().chain(udp).collect();
-    one_of(looked_at, args)
+    one_of(looked_at, args.json)
 }
 
 async fn named(endpoints: &[InitEndpoint]) -> Result<Chosen, Failure> {
@@ -110,7 +111,7 @@ async fn named(endpoints: &[InitEndpoint]) -> Result<Chosen, Failure> {
             InitEndpoint::AnyBaud(device) => device,
         };
         let looked = serial_device(device).await;
-        let Outcome::Speaks(endpoint, _) = &looked.outcome else {
+        let LookOutcome::Speaks(endpoint, _) = &looked.outcome else {
             return Err(Failure::Link(looked.to_string()));
         };
         chosen.endpoints.push(endpoint.clone());
@@ -121,22 +122,22 @@ async fn named(endpoints: &[InitEndpoint]) -> Result<Chosen, Failure> {
 }
 
 /// The only place where an autopilot speaks, or the one that is chosen.
-fn one_of(looked_at: Vec<LookedAt>, args: &InitArgs) -> Result<Chosen, Failure> {
+fn one_of(looked_at: Vec<LookedAt>, json: bool) -> Result<Chosen, Failure> {
     let speaks = |autopilot: bool| -> Vec<(Endpoint, String)> {
         let found = looked_at.iter().filter_map(|l| match &l.outcome {
-            Outcome::Speaks(endpoint, survey) => {
+            LookOutcome::Speaks(endpoint, survey) => {
                 let fits = if autopilot { !survey.vehicles().is_empty() } else { survey.only_measures() };
                 fits.then(|| (endpoint.clone(), l.to_string()))
             }
-            Outcome::Nothing(_) => None,
+            LookOutcome::Nothing(_) => None,
         });
         found.collect()
     };
     let vehicles: BTreeSet<u8> = looked_at
         .iter()
         .filter_map(|l| match &l.outcome {
-            Outcome::Speaks(_, survey) => Some(survey.vehicles()),
-            Outcome::Nothing(_) => None,
+            LookOutcome::Speaks(_, survey) => Some(survey.vehicles()),
+            LookOutcome::Nothing(_) => None,
         })
         .flatten()
         .collect();
@@ -154,7 +155,7 @@ fn one_of(looked_at: Vec<LookedAt>, args: &InitArgs) -> Result<Chosen, Failure> 
             )));
         }
         1 => 0,
-        _ if ask::somebody_is_there(args.json) => ask::which("Autopilots are heard. Which link?", &named)?,
+        _ if ask::somebody_is_there(json) => ask::which("Autopilots are heard. Which link?", &named)?,
         _ => {
             let what = if vehicles.len() == 1 {
                 "an autopilot is heard at several places: say which is to be used (--endpoint …), best one that no ground station uses"
@@ -180,16 +181,16 @@ async fn udp_port(port: u16) -> LookedAt {
     let outcome = match UdpSocket::bind((Ipv4Addr::UNSPECIFIED, port)).await {
         Ok(socket) => heard_at(&socket, port).await,
         Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => {
-            Outcome::Nothing(held_by(holders::of_udp_port(port)))
+            LookOutcome::Nothing(held_by(holders::of_udp_port(port)))
         }
-        Err(error) => Outcome::Nothing(error.to_string()),
+        Err(error) => LookOutcome::Nothing(error.to_string()),
     };
     LookedAt { place, outcome }
 }
 
-async fn heard_at(socket: &UdpSocket, port: u16) -> Outcome {
+async fn heard_at(socket: &UdpSocket, port: u16) -> LookOutcome {
     let (clock, until) = (CompanionClock::new(), Instant::now() + UDP_LOOK);
-    let (mut survey, mut peers, mut datagrams) = (Survey::default(), BTreeSet::new(), 0u64);
+    let (mut survey, mut peers, mut datagrams) = (LinkSurvey::default(), BTreeSet::new(), 0u64);
     let mut buffer = vec![0; DATAGRAM];
     while let Ok(received) = timeout_at(until, socket.recv_from(&mut buffer)).await {
         let Ok((n, from)) = received else { continue };
@@ -202,7 +203,7 @@ async fn heard_at(socket: &UdpSocket, port: u16) -> Outcome {
         }
     }
     if survey.frames == 0 {
-        return Outcome::Nothing(match datagrams {
+        return LookOutcome::Nothing(match datagrams {
             0 => format!("nothing in {} s", UDP_LOOK.as_secs_f64()),
             n => format!("{n} datagrams, and no MAVLink"),
         });
@@ -210,13 +211,19 @@ async fn heard_at(socket: &UdpSocket, port: u16) -> Outcome {
     // Who is on this computer needs no door to the network.
     let host = if peers.iter().all(IpAddr::is_loopback) { "127.0.0.1" } else { "0.0.0.0" };
     match format!("udpin:{host}:{port}").parse() {
-        Ok(endpoint) => Outcome::Speaks(endpoint, Box::new(survey)),
-        Err(_) => Outcome::Nothing("no port".to_owned()),
+        Ok(endpoint) => LookOutcome::Speaks(endpoint, Box::new(survey)),
+        Err(_) => LookOutcome::Nothing("no port".to_owned()),
     }
 }
 
 /// Tries the usual baud rates until frames come whose checksum is right.
 async fn serial_device(device: &str) -> LookedAt {
+    if !Path::new(device).exists() {
+        return LookedAt {
+            place: device.to_owned(),
+            outcome: LookOutcome::Nothing("there is no such device".to_owned()),
+        };
+    }
     let mut heard_bytes = 0;
     for baud in USUAL_BAUD_RATES {
         let Ok(endpoint) = format!("serial:{device}:{baud}").parse::<Endpoint>() else { continue };
@@ -224,12 +231,12 @@ async fn serial_device(device: &str) -> LookedAt {
             Ok((survey, _)) if survey.frames > 0 => {
                 return LookedAt {
                     place: device.to_owned(),
-                    outcome: Outcome::Speaks(endpoint, Box::new(survey)),
+                    outcome: LookOutcome::Speaks(endpoint, Box::new(survey)),
                 };
             }
             Ok((_, bytes)) => heard_bytes += bytes,
             Err(error) => {
-                return LookedAt { place: device.to_owned(), outcome: Outcome::Nothing(refusal(&error)) };
+                return LookedAt { place: device.to_owned(), outcome: LookOutcome::Nothing(refusal(&error)) };
             }
         }
     }
@@ -245,17 +252,17 @@ async fn serial_device(device: &str) -> LookedAt {
             rates.join(", ")
         ),
     };
-    LookedAt { place: device.to_owned(), outcome: Outcome::Nothing(why + &also) }
+    LookedAt { place: device.to_owned(), outcome: LookOutcome::Nothing(why + &also) }
 }
 
 /// Listens to a serial port, and says who is there, as a port of USB may want. What was heard, and how many bytes came.
-async fn trial(endpoint: &Endpoint) -> Result<(Survey, u64), OpenError> {
+async fn trial(endpoint: &Endpoint) -> Result<(LinkSurvey, u64), OpenError> {
     let (clock, close) = (CompanionClock::new(), CancellationToken::new());
     let config = LinkConfig::default();
     let mut links = Links::open(std::slice::from_ref(endpoint), config, clock.clone(), close.clone()).await?;
     let mut transmitter = Transmitter::new(links.handles.clone(), SystemId(1));
     transmitter.broadcast(&heartbeat(SystemStatus::Boot, CODE_NO_AUTOPILOT));
-    let (mut survey, mut until) = (Survey::default(), Instant::now() + TRIAL);
+    let (mut survey, mut until) = (LinkSurvey::default(), Instant::now() + TRIAL);
     while let Ok(Some(received)) = timeout_at(until, links.inbound.recv()).await {
         let Some(frame) = received.frame().filter(|_| received.known) else { continue };
         if survey.frames == 0 {
@@ -321,4 +328,56 @@ pub(super) fn silence(told: &str, links: &[LinkStats]) -> String {
         text.push_str(&format!("\n  {}: {word}", link.endpoint));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::Stamp;
+    use crate::wire::session::heartbeat_fields::testing::{frame_of, heartbeat_frame};
+
+    fn place(port: u16, frame: &crate::wire::frame_bytes::FrameBytes) -> LookedAt {
+        let mut survey = LinkSurvey::default();
+        survey.hear(&frame.frame().unwrap(), Stamp::from_micros(0), &[]);
+        let endpoint = format!("udpin:127.0.0.1:{port}").parse().unwrap();
+        LookedAt { place: port.to_string(), outcome: LookOutcome::Speaks(endpoint, Box::new(survey)) }
+    }
+
+    fn autopilot(port: u16, system: u8) -> LookedAt {
+        place(port, &heartbeat_frame(system, 1, 2, 3, 0))
+    }
+
+    fn texts(of: &[Endpoint]) -> Vec<String> {
+        of.iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn the_only_autopilot_is_taken_and_what_only_measures_is_a_sensor() {
+        use mavlink::dialects::ardupilotmega::{DISTANCE_SENSOR_DATA, MavMessage};
+        let range = frame_of(9, 140, &MavMessage::DISTANCE_SENSOR(DISTANCE_SENSOR_DATA::default()));
+        let nothing = LookedAt { place: "x".into(), outcome: LookOutcome::Nothing("silent".into()) };
+        let ground = place(3, &heartbeat_frame(255, 190, 6, 8, 0));
+        let looked = vec![nothing.clone(), autopilot(1, 1), place(2, &range), ground.clone()];
+        let chosen = one_of(looked, true).unwrap();
+        assert_eq!(texts(&chosen.endpoints), ["udpin:127.0.0.1:1"]);
+        assert_eq!(texts(&chosen.sensor_endpoints), ["udpin:127.0.0.1:2"]);
+        assert!(chosen.why.contains("ArduPilot quadrotor (system 1)"), "{}", chosen.why);
+        let told = one_of(vec![nothing, ground], true).unwrap_err();
+        assert!(
+            matches!(&told, Failure::Link(t) if t.contains("x: silent") && t.contains("ground station")),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn of_several_autopilots_none_is_taken() {
+        let of = |systems: [u8; 2]| one_of(vec![autopilot(1, systems[0]), autopilot(2, systems[1])], true);
+        for (systems, word) in [([1, 1], "that no ground station uses"), ([1, 2], "which is meant")] {
+            let told = of(systems).unwrap_err();
+            assert!(
+                matches!(&told, Failure::Usage(t) if t.contains(word) && t.contains("udpin:127.0.0.1:2")),
+                "{told}"
+            );
+        }
+    }
 }

@@ -16,7 +16,7 @@ use crate::config::Settings;
 use crate::files::{OutputFile, Overwrite, READABLE};
 use crate::init::draft::Draft;
 use crate::init::fitting;
-use crate::init::survey::Survey;
+use crate::init::survey::LinkSurvey;
 use crate::preflight::Needs;
 use crate::preflight::conversation::{PreflightEnd, PreflightReport};
 use crate::wire::endpoint::{ACCEPTED_FORMS, Endpoint, EndpointFault};
@@ -87,7 +87,7 @@ impl FromStr for InitEndpoint {
 #[derive(Debug)]
 struct InitFindings {
     chosen: Chosen,
-    survey: Survey,
+    survey: LinkSurvey,
     report: PreflightReport,
     conversed: Conversed,
     settings: Settings,
@@ -139,7 +139,7 @@ async fn listen(args: &InitArgs, chosen: Chosen, mut draft: Draft) -> Result<Ini
             wait_s: args.listen_s,
             listen_s: Some(args.listen_s),
         };
-        let mut survey = Survey::default();
+        let mut survey = LinkSurvey::default();
         let conversed = converse(&plan, &mut |frame, at, inputs| survey.hear(frame, at, inputs))
             .await
             .map_err(|error| match error {
@@ -166,7 +166,7 @@ async fn listen(args: &InitArgs, chosen: Chosen, mut draft: Draft) -> Result<Ini
     }
 }
 
-fn which_vehicle(args: &InitArgs, survey: &Survey, vehicles: &[u8]) -> Result<u8, Failure> {
+fn which_vehicle(args: &InitArgs, survey: &LinkSurvey, vehicles: &[u8]) -> Result<u8, Failure> {
     if !ask::somebody_is_there(args.json) {
         return Err(Failure::Usage(several(vehicles)));
     }
