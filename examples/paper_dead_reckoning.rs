@@ -142,7 +142,11 @@ fn fly(args: &Args, imu: &str, path: &str, seed: u64) -> Result<Vec<Flown>, Stri
         .iter()
         .map(|&estimator| {
             let mut navigator = navigator(args, imu, estimator)?;
-            navigator.set_status(VehicleStatus { airframe: Some(Airframe::FixedWing), armed: Some(true) });
+            navigator.set_status(VehicleStatus {
+                airframe: Some(Airframe::FixedWing),
+                armed: Some(true),
+                landed: None,
+            });
             let count = NeesCount::default();
             Ok(Pilot { navigator, holdover: count, aided: count, velocity: count })
         })

@@ -41,7 +41,7 @@ pub enum Input {
     Reference(Reference),
     /// The origin of the autopilot's local frame.
     Origin(Geodetic),
-    /// What the vehicle is, and whether it is armed: when that changes.
+    /// What the vehicle is, whether it is armed and whether it has landed: when that changes.
     Status(VehicleStatus),
     /// The autopilot rebooted, or its stream had a hole.
     Clock(ClockEvent),
@@ -368,6 +368,8 @@ pub struct VehicleStatus {
     pub airframe: Option<Airframe>,
     /// Whether it is armed; a disarmed one does not fly.
     pub armed: Option<bool>,
+    /// Whether it finds that it stands on the ground. No filter takes its word for it.
+    pub landed: Option<bool>,
 }
 
 /// Simulator truth or the autopilot's own estimate. No filter takes this type.

@@ -134,8 +134,8 @@ fn one(
     args: &StressArgs,
 ) -> Result<StressReport, LogError> {
     let log = Log::of(log.clone(), settings.system)?;
-    let flight = survey(&log)?.airborne;
-    stress(&log, &settings.pipeline, flight, cases, args.length, args.starts)
+    let flights = survey(&log)?.flights;
+    stress(&log, &settings.pipeline, &flights, cases, args.length, args.starts)
 }
 
 /// One fault over all rows that are its; `None` where there are none.

@@ -41,8 +41,8 @@ pub(super) struct Telemetry<'a> {
 impl Telemetry<'_> {
     /// HEARTBEAT.
     pub(super) fn heartbeat(&self) -> Message {
-        let status =
-            VehicleStatus { airframe: Some(Airframe::Multirotor), armed: Some(self.vehicle.armed()) };
+        let (airframe, armed) = (Some(Airframe::Multirotor), Some(self.vehicle.armed()));
+        let status = VehicleStatus { airframe, armed, landed: None };
         let mut message = encode_vehicle::heartbeat(self.kind, &status);
         if let Message::HEARTBEAT(beat) = &mut message {
             let modes = if self.kind == AutopilotKind::Px4 { PX4_MODES } else { COPTER_MODES };

@@ -205,11 +205,14 @@ impl Intake {
         self.sample(Sample::Landmark(LandmarkSample { time, camera: 0, id, sighting }))
     }
 
-    /// What the vehicle is and whether it is armed: passed on when it changes. What is not told stays as it was.
+    /// What the vehicle is, whether it is armed and has landed: passed on when it changes. What is not told stays as it was.
     pub(super) fn status(&mut self, told: VehicleStatus) {
         let before = self.status.unwrap_or_default();
-        let status =
-            VehicleStatus { airframe: told.airframe.or(before.airframe), armed: told.armed.or(before.armed) };
+        let status = VehicleStatus {
+            airframe: told.airframe.or(before.airframe),
+            armed: told.armed.or(before.armed),
+            landed: told.landed.or(before.landed),
+        };
         if self.status != Some(status) {
             self.status = Some(status);
             self.out.push(Input::Status(status));

@@ -6,12 +6,14 @@
 
 mod dataflash;
 mod error;
+pub mod fast_samples;
 mod file;
 mod folder;
 mod format;
 mod intake;
 pub mod parameters;
 mod remote;
+pub mod rotors;
 mod row;
 mod source;
 pub mod stretches;
@@ -22,11 +24,13 @@ use std::io::{self, Read};
 use std::path::Path;
 
 pub use error::LogError;
+use fast_samples::FastSensors;
 pub use file::LogFile;
 pub use folder::logs_in;
 pub use format::LogFormat;
 pub use parameters::Parameters;
 pub use remote::RemoteLog;
+use rotors::RotorSpeeds;
 
 use crate::sample::Input;
 use crate::wire::clock::AutopilotClock;
@@ -75,6 +79,10 @@ pub struct LogSummary {
     pub repairs: Repairs,
     /// The autopilot's parameters that matter here.
     pub parameters: Parameters,
+    /// How fast the rotors turn.
+    pub rotors: RotorSpeeds,
+    /// What batches of fast samples show.
+    pub fast: FastSensors,
     /// What else is to be said, a sentence each.
     pub notes: Vec<String>,
 }
@@ -238,6 +246,9 @@ impl LogSummary {
         }
         if self.reboots > 0 {
             remarks.push(format!("the autopilot rebooted {} times", self.reboots));
+        }
+        if self.fast.broken > 0 {
+            remarks.push(format!("{} batches of fast samples are not whole", self.fast.broken));
         }
         remarks.extend(self.notes.iter().cloned());
         remarks

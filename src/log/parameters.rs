@@ -19,6 +19,12 @@ pub const WANTED: &[(&str, &str)] = &[
     ("GPS2_DELAY_MS", "delay of the second receiver that ArduPilot assumes, ms; Holdover measures it"),
     ("GPS_DELAY_MS", "delay of the first receiver that ArduPilot assumes, ms; Holdover measures it"),
     ("GPS_DELAY_MS2", "delay of the second receiver that ArduPilot assumes, ms; Holdover measures it"),
+    ("INS_ACCEL_FILTER", "corner of the filter that accelerometers have passed before they are logged, Hz"),
+    ("INS_GYRO_FILTER", "corner of the filter that gyros have passed before they are logged, Hz"),
+    (
+        "INS_LOG_BAT_OPT",
+        "what batches of fast samples hold: 0 what the filter is fed with; bit 1 what it lets through",
+    ),
     ("LOG_BITMASK", "what ArduPilot logs: with IMU_FAST (bit 18) the IMU at the rate of the main loop"),
     ("RNGFND1_MAX", "farthest that the first rangefinder measures, m"),
     ("RNGFND1_MAX_CM", "farthest that the first rangefinder measures, cm"),

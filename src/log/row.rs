@@ -1,5 +1,8 @@
 //! One message of a log that describes its own layout: numbers looked up by the name of their field.
 
+/// Numbers in an array of them, as DataFlash has them.
+pub(super) const SHORTS: usize = 32;
+
 /// How a number is stored, little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Storage {
@@ -111,6 +114,16 @@ impl LogRow<'_> {
         self.get(name).filter(|v| (0.0..=255.0).contains(v)).map(|v| v as u8)
     }
 
+    /// An array of 16-bit numbers.
+    pub(super) fn shorts(&self, name: &str) -> Option<[i16; SHORTS]> {
+        let i = self.columns.names.iter().position(|n| *n == name)?;
+        let slot = self.columns.slots[i].filter(|s| s.storage == Storage::I16)?;
+        let (pairs, _) = self.data.get(slot.at..)?.get(..2 * SHORTS)?.as_chunks::<2>();
+        let mut numbers = [0; SHORTS];
+        numbers.iter_mut().zip(pairs).for_each(|(number, pair)| *number = i16::from_le_bytes(*pair));
+        Some(numbers)
+    }
+
     /// A stamp in microseconds.
     pub(super) fn micros(&self, name: &str) -> Option<u64> {
         self.get(name).filter(|v| (0.0..9e15).contains(v)).map(|v| v as u64)
@@ -132,7 +145,7 @@ mod tests {
         data.extend_from_slice(&1_234_567u64.to_le_bytes());
         let row = columns.row(&data);
         assert_eq!((row.get("x"), row.get("gone"), row.micros("t")), (Some(-1.0), None, Some(1_234_567)));
-        assert_eq!(row.byte("x"), None);
+        assert_eq!((row.byte("x"), row.shorts("x")), (None, None));
         assert_eq!(columns.row(&data[..9]).get("t"), None);
         assert_eq!(row.all(["x", "t"]), Some([-1.0, 1_234_567.0]));
     }

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 use std::io::{self, Read};
 
 use crate::time::{Companion, Stamp};
-use crate::wire::decode::Decoder;
-use crate::wire::frame::{ComponentId, SystemId};
+use crate::wire::decode::{Decoder, RotorWord};
+use crate::wire::frame::{ComponentId, Frame, SystemId};
 use crate::wire::messages;
 use crate::wire::recording::{HeardAs, Mark};
 use crate::wire::session::identity::{Identity, IdentityConfig, Vehicle};
 use crate::wire::tlog::TlogReader;
 
+use super::rotors::RotorSpeeds;
 use super::{Aside, Entry, Listener, LogFormat, LogSummary};
 
 /// A log in which the wanted autopilot does not speak.
@@ -80,7 +81,7 @@ pub(super) fn play(
     let mut recording = Recorded::default();
     let mut names: BTreeMap<u32, Option<&'static str>> = BTreeMap::new();
     let mut items = Vec::with_capacity(8);
-    let mut signed = 0;
+    let (mut signed, mut rotors) = (0, RotorSpeeds::default());
     while let Some(record) = reader.next_record()? {
         let (frame, id) = (&record.frame, record.frame.message_id());
         let name = *names.entry(id).or_insert_with(|| messages::name_of(id));
@@ -96,6 +97,9 @@ pub(super) fn play(
             if frame.component() == ComponentId::ODOMETRY_SOURCE {
                 (to.aside)(&Aside::Sent(*frame));
             }
+        }
+        if frame.system() == vehicle.system {
+            note_rotors(frame, &mut rotors);
         }
         match recording.heard_as {
             HeardAs::Listened => decoder.decode(frame, written(record.written_us), &mut items),
@@ -115,10 +119,20 @@ pub(super) fn play(
         signed,
         reboots: decoder.clock().reboots(),
         repairs: decoder.repairs().clone(),
+        rotors,
         counters,
         notes: recording.notes(),
         ..LogSummary::default()
     })
+}
+
+/// What speed controllers tell, if the frame is of them.
+fn note_rotors(frame: &Frame<'_>, rotors: &mut RotorSpeeds) {
+    if let Some(word) = RotorWord::of(frame) {
+        for (controller, rpm) in (word.first..=u8::MAX).zip(word.rpm) {
+            rotors.note(controller, rpm);
+        }
+    }
 }
 
 /// What a recording of Holdover's says of itself; nothing of another log.

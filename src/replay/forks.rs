@@ -70,12 +70,43 @@ pub fn play<T>(
     Ok(common)
 }
 
-/// `count` starts of intervals of `length_s`, spread evenly between two times; none where it does not fit.
-pub fn starts_between(from_s: f64, to_s: f64, length_s: f64, count: usize) -> Vec<f64> {
-    let last = to_s - length_s;
-    if last < from_s {
-        return Vec::new();
+/// `count` starts of intervals of `length_s`, each in one of the flights (from when to when, s) and so long after its beginning, spread evenly
+/// over the times that are left to them; none where none fits.
+pub fn starts_in(flights: &[(f64, f64)], settle_s: f64, length_s: f64, count: usize) -> Vec<f64> {
+    let may_begin: Vec<(f64, f64)> = flights
+        .iter()
+        .map(|&(from_s, to_s)| (from_s + settle_s, to_s - length_s))
+        .filter(|(first, last)| last >= first)
+        .collect();
+    let room_s: f64 = may_begin.iter().map(|(first, last)| last - first).sum();
+    let step = if count > 1 { room_s / (count - 1) as f64 } else { 0.0 };
+    let start = |i: usize| {
+        let mut into = step * i as f64;
+        for (n, (first, last)) in may_begin.iter().enumerate() {
+            if into <= last - first || n + 1 == may_begin.len() {
+                return Some(first + into);
+            }
+            into -= last - first;
+        }
+        None
+    };
+    (0..count).map_while(start).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn starts_are_spread_over_the_flights_and_none_reaches_over_a_landing() {
+        assert_eq!(starts_in(&[(10.0, 140.0)], 30.0, 60.0, 3), [40.0, 60.0, 80.0]);
+        assert_eq!(starts_in(&[(10.0, 140.0)], 30.0, 60.0, 1), [40.0]);
+        assert_eq!(starts_in(&[(10.0, 99.0)], 30.0, 60.0, 3), [0.0; 0]);
+        // The second is too short for one, the third has room for one start alone.
+        let flights = [(0.0, 110.0), (120.0, 160.0), (200.0, 290.0), (300.0, 410.0)];
+        let starts = starts_in(&flights, 30.0, 60.0, 5);
+        assert_eq!(starts, [30.0, 40.0, 50.0, 340.0, 350.0]);
+        let inside = |s: f64| flights.iter().any(|(from, to)| s >= from + 30.0 && s + 60.0 <= *to);
+        assert!((1..40).flat_map(|n| starts_in(&flights, 30.0, 60.0, n)).all(inside));
     }
-    let step = if count > 1 { (last - from_s) / (count - 1) as f64 } else { 0.0 };
-    (0..count).map(|i| from_s + step * i as f64).collect()
 }

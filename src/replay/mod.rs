@@ -1,5 +1,6 @@
 //! Logs: opening them, playing them through the pipeline, and scoring what came out.
 
+pub mod airborne;
 mod as_flown;
 pub mod forks;
 pub mod losses;

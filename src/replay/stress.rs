@@ -12,7 +12,7 @@ use crate::navigator::solution::Mode;
 use crate::navigator::sources::status::{SourceHealth, SourceKind, SourceReport};
 use crate::pipeline::PipelineSettings;
 
-use super::forks::{self, Branch, starts_between};
+use super::forks::{self, Branch, starts_in};
 use super::matrix::{LEAD_S, StressCase};
 use super::runner::Runner;
 use super::sweep::SETTLE_S;
@@ -109,13 +109,12 @@ const SEED: u64 = 1;
 pub fn stress(
     log: &Log,
     settings: &PipelineSettings,
-    flight: Option<(f64, f64)>,
+    flights: &[(f64, f64)],
     cases: &[StressCase],
     length_s: f64,
     starts: usize,
 ) -> Result<StressReport, LogError> {
-    let from_s = flight.map_or(0.0, |f| f.0 + SETTLE_S + LEAD_S);
-    let starts = flight.map_or(Vec::new(), |f| starts_between(from_s, f.1, length_s, starts));
+    let starts = starts_in(flights, SETTLE_S + LEAD_S, length_s, starts);
     let trials = starts.iter().flat_map(|&start_s| trials(cases, start_s));
     let branches =
         trials.map(|what| Branch { from_s: what.start_s - LEAD_S, to_s: what.start_s + length_s, what });

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::log::stretches::Stretches;
 use crate::log::{Log, LogError};
 use crate::pipeline::PipelineSettings;
-use crate::replay::forks::{self, Branch, starts_between};
+use crate::replay::airborne::ToldFlights;
+use crate::replay::forks::{self, Branch, starts_in};
 use crate::replay::runner::Runner;
 use crate::sample::{Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
@@ -42,8 +43,8 @@ pub const SETTLE_S: f64 = 30.0;
 /// What a log holds, as far as outages in it are concerned.
 #[derive(Clone, Debug, Default)]
 pub struct Survey {
-    /// From when to when the vehicle flies, seconds since the first sample: by truth where there is one, else by GNSS.
-    pub airborne: Option<(f64, f64)>,
+    /// From when to when the vehicle flies, seconds since the first sample: by truth where there is one, else by its own word, else by GNSS.
+    pub flights: Vec<(f64, f64)>,
     /// Samples by kind; of GNSS receivers, fixes.
     pub heard: [u64; SampleKind::ALL.len()],
     /// The IMU's rate and holes.
@@ -77,13 +78,14 @@ impl Flying {
 /// What reading the log says.
 pub fn survey(log: &Log) -> Result<Survey, LogError> {
     let (mut start, mut fixed): (Option<AutopilotTime>, Option<f64>) = (None, None);
-    let (mut survey, mut flying) = (Survey::default(), Flying::default());
+    let (mut survey, mut flying, mut told) = (Survey::default(), Flying::default(), ToldFlights::default());
     log.play(
         |_, _| {},
         |_, item| {
             let time = match item {
                 Input::Sample(s) => s.time(),
                 Input::Reference(r) => r.time(),
+                Input::Status(status) => return told.note(survey.duration_s.unwrap_or(0.0), status),
                 _ => return,
             };
             let t = time.seconds_since(*start.get_or_insert(time));
@@ -111,24 +113,32 @@ pub fn survey(log: &Log) -> Result<Survey, LogError> {
             }
         },
     )?;
-    survey.airborne = flying.from_to[0].or(flying.from_to[1]);
+    let [by_truth, by_gnss] = flying.from_to.map(|f| f.into_iter().collect::<Vec<_>>());
+    let by_word = told.in_air(survey.duration_s.unwrap_or(0.0));
+    survey.flights = [by_truth, by_word, by_gnss].into_iter().find(|f| !f.is_empty()).unwrap_or_default();
     Ok(survey)
 }
 
-/// Outages of all `lengths`, `starts` of each, spread evenly over the flight. A length that does not fit has no rows.
+impl Survey {
+    /// From the beginning of the first flight to the end of the last, seconds since the first sample.
+    pub fn airborne(&self) -> Option<(f64, f64)> {
+        Some((self.flights.first()?.0, self.flights.last()?.1))
+    }
+}
+
+/// Outages of all `lengths`, `starts` of each, spread evenly over the flights. A length that does not fit has no rows.
 ///
 /// # Errors
 /// What reading the log says.
 pub fn sweep(
     log: &Log,
     settings: &PipelineSettings,
-    flight: Option<(f64, f64)>,
+    flights: &[(f64, f64)],
     lengths: &[f64],
     starts: usize,
 ) -> Result<Vec<SweepRow>, LogError> {
-    let Some((from, to)) = flight else { return Ok(Vec::new()) };
     let branches = lengths.iter().flat_map(|&length| {
-        let starts = starts_between(from + SETTLE_S, to, length, starts);
+        let starts = starts_in(flights, SETTLE_S, length, starts);
         starts.into_iter().map(move |start| Branch {
             from_s: start,
             to_s: start + length,

@@ -220,7 +220,7 @@ impl Scenario {
         };
         let airframe = if self.is_fixed_wing() { Airframe::FixedWing } else { Airframe::Multirotor };
         let armed = !(grounded(t_s) && grounded(t_s + ARMED_BEFORE_S));
-        VehicleStatus { airframe: Some(airframe), armed: Some(armed) }
+        VehicleStatus { airframe: Some(airframe), armed: Some(armed), landed: None }
     }
 
     /// Whether the vehicle stands still (on the ground, or a multirotor in its hover).

@@ -31,6 +31,8 @@ pub enum Meaning {
     Airspeed,
     /// [`crate::sample::LandmarkSample`].
     Landmark,
+    /// How fast rotors turn: no input of the core, but what explains a vibration.
+    Rotors,
     /// What 1970 is on the autopilot's clock.
     Date,
     /// [`crate::sample::Reference`]: truth, or the autopilot's own estimate.
@@ -131,6 +133,7 @@ pub const TABLE: &[MessageUse] = &[
     MessageUse::heard::<apm::LOCAL_POSITION_NED_DATA>(Meaning::Reference).and_asked(Rate::LocalPosition),
     MessageUse::heard::<apm::VFR_HUD_DATA>(Meaning::Airspeed).and_asked(Rate::Airspeed),
     MessageUse::heard::<apm::SYS_STATUS_DATA>(Meaning::Vehicle).and_asked(Rate::Slow),
+    MessageUse::heard::<apm::EXTENDED_SYS_STATE_DATA>(Meaning::Vehicle),
     MessageUse::heard::<apm::SYSTEM_TIME_DATA>(Meaning::Date).and_asked(Rate::Slow),
     MessageUse::heard::<apm::GPS_GLOBAL_ORIGIN_DATA>(Meaning::Origin).and_asked(Rate::Slow),
     MessageUse::heard::<apm::HEARTBEAT_DATA>(Meaning::Vehicle).and_sent(),
@@ -140,6 +143,10 @@ pub const TABLE: &[MessageUse] = &[
     MessageUse::heard::<apm::SIM_STATE_DATA>(Meaning::Reference),
     MessageUse::heard::<apm::SIMSTATE_DATA>(Meaning::Reference),
     MessageUse::heard::<apm::HIL_STATE_QUATERNION_DATA>(Meaning::Reference),
+    MessageUse::heard::<apm::ESC_STATUS_DATA>(Meaning::Rotors),
+    MessageUse::heard::<apm::ESC_TELEMETRY_1_TO_4_DATA>(Meaning::Rotors),
+    MessageUse::heard::<apm::ESC_TELEMETRY_5_TO_8_DATA>(Meaning::Rotors),
+    MessageUse::heard::<apm::ESC_TELEMETRY_9_TO_12_DATA>(Meaning::Rotors),
     MessageUse::heard::<apm::EKF_STATUS_REPORT_DATA>(Meaning::Conversation)
         .and_asked(Rate::Estimator)
         .of(AutopilotKind::ArduPilot),
@@ -162,7 +169,7 @@ pub const TABLE: &[MessageUse] = &[
     MessageUse::sent::<apm::SET_GPS_GLOBAL_ORIGIN_DATA>(),
 ];
 
-/// Ids below this are looked up; the table holds none above.
+/// Ids below this are looked up; the few above are seldom heard.
 const LOOKED_UP: usize = 512;
 
 /// [`Meaning`] by id, made at compile time: frames are sorted before they are parsed, hundreds a second.
@@ -170,7 +177,9 @@ const MEANINGS: [Option<Meaning>; LOOKED_UP] = {
     let mut all = [None; LOOKED_UP];
     let mut i = 0;
     while i < TABLE.len() {
-        all[TABLE[i].id as usize] = TABLE[i].heard;
+        if (TABLE[i].id as usize) < LOOKED_UP {
+            all[TABLE[i].id as usize] = TABLE[i].heard;
+        }
         i += 1;
     }
     all
@@ -178,12 +187,15 @@ const MEANINGS: [Option<Meaning>; LOOKED_UP] = {
 
 /// What a message is taken for; `None` for those that tell nothing here.
 pub fn meaning_of(id: u32) -> Option<Meaning> {
-    usize::try_from(id).ok().and_then(|id| *MEANINGS.get(id)?)
+    match MEANINGS.get(usize::try_from(id).ok()?) {
+        Some(meaning) => *meaning,
+        None => TABLE.iter().find(|row| row.id == id)?.heard,
+    }
 }
 
 /// Whether a message tells the core anything.
 pub fn is_input(id: u32) -> bool {
-    meaning_of(id).is_some_and(|m| m != Meaning::Conversation)
+    meaning_of(id).is_some_and(|m| !matches!(m, Meaning::Conversation | Meaning::Rotors))
 }
 
 /// Whether a message is taken from every component of the vehicle, and not from its autopilot alone: what cameras, flow sensors and

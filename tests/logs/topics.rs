@@ -1,8 +1,12 @@
 //! What single messages become.
 
+use holdover::log::Log;
+use holdover::log::fast_samples::FastKind;
+use holdover::replay::sweep::survey;
 use holdover::sample::{Input, Reference, Sample, SampleKind};
+use proptest::prelude::*;
 
-use crate::command::write_log;
+use crate::command::{holdover, write_log};
 use crate::dataflash_file::DataFlashFile;
 use crate::flight::Flight;
 use crate::inputs;
@@ -192,4 +196,195 @@ fn single_samples_are_averaged_and_preferred() {
     let (first, rest) = rates.split_at(3);
     assert!(first.len() == 3 && rest.iter().all(|(_, rate)| (rate - 0.3).abs() < 1e-6), "{rest:?}");
     assert!(rest.windows(2).all(|w| w[1].0 - w[0].0 == 4000));
+}
+
+/// What the vehicle says of whether it has landed, as it changes.
+fn landings(inputs: &[Input]) -> Vec<bool> {
+    let mut told: Vec<_> =
+        inputs.iter().filter_map(|i| if let Input::Status(s) = i { s.landed } else { None }).collect();
+    told.dedup();
+    told
+}
+
+#[test]
+fn landings_are_heard_of_every_autopilot() {
+    let mut px4 = UlogFile::new(&[]);
+    for (i, landed) in [1, 1, 0, 0, 1].into_iter().enumerate() {
+        let fields = Fields::default().u8(0).u8(landed);
+        px4.data(
+            "vehicle_land_detected",
+            "bool freefall;bool landed",
+            2_000_000 + i as u64 * 100_000,
+            fields,
+        );
+    }
+    assert_eq!(landings(&read(&px4)), [true, false, true]);
+    let mut copter = DataFlashFile::new();
+    // Armed, flies, perhaps landed, landed, disarmed.
+    for (i, event) in [10.0, 28.0, 17.0, 18.0, 11.0].into_iter().enumerate() {
+        copter.message("EV", 2_000_000 + i as u64 * 1_000_000, &[event]);
+    }
+    assert_eq!(landings(&read_bytes(&copter.bytes)), [false, true]);
+    let mut plane = DataFlashFile::new();
+    for (i, flying) in [0.0, 1.0, 0.0].into_iter().enumerate() {
+        plane.message("STAT", 2_000_000 + i as u64 * 1_000_000, &[flying, 0.5, 1.0, 0.0, 0.0]);
+    }
+    assert_eq!(landings(&read_bytes(&plane.bytes)), [true, false, true]);
+}
+
+#[test]
+fn a_vehicle_without_truth_flies_when_it_says_so() {
+    let flight = Flight::rotor(0.01, 60.0, 2);
+    let folder = tempfile::tempdir().unwrap();
+    let first_us = crate::ulog_file::micros(&flight.steps[0].samples[0]);
+    let flights = |events: &[(f64, f64)]| {
+        let mut file = DataFlashFile::new();
+        let mut waiting = events.iter().peekable();
+        for step in &flight.steps {
+            let us = crate::ulog_file::micros(&step.samples[0]);
+            while let Some((_, event)) = waiting.next_if(|e| (us - first_us) as f64 * 1e-6 >= e.0) {
+                file.message("EV", us, &[*event]);
+            }
+            step.samples.iter().for_each(|sample| file.sample(us, sample));
+        }
+        survey(&Log::open(&write_log(folder.path(), "log", &file.bytes), None).unwrap()).unwrap().flights
+    };
+    let told = flights(&[(12.0, 28.0), (25.0, 18.0), (31.0, 28.0)]);
+    let near = |a: f64, b: f64| (a - b).abs() < 0.2;
+    assert!(told.len() == 2 && near(told[0].0, 12.0) && near(told[0].1, 25.0), "{told:?}");
+    assert!(near(told[1].0, 31.0) && near(told[1].1, 60.0), "{told:?}");
+    // Who tells nothing of it is seen by GNSS.
+    assert_eq!(flights(&[]).len(), 1);
+}
+
+/// A batch of so many samples of one sensor at 1 kHz, which shakes by `size` units of the log at `hz` along y; without the `lost`-th part of it.
+fn batch(
+    file: &mut DataFlashFile,
+    number: u16,
+    [kind, unit, mul]: [f64; 3],
+    n: usize,
+    hz: f64,
+    lost: Option<usize>,
+) {
+    let us = 2_000_000 + u64::from(number) * 1_100_000;
+    file.message("ISBH", us, &[f64::from(number), kind, unit, mul, n as f64, us as f64, 1000.0]);
+    for part in (0..n / 32).filter(|part| Some(*part) != lost) {
+        let at = |i: usize| (std::f64::consts::TAU * hz * (part * 32 + i) as f64 * 1e-3).sin();
+        let y: [i16; 32] = std::array::from_fn(|i| (1000.0 * at(i)) as i16);
+        file.batch(us + part as u64 * 20_000, number, part as u16, &[[0; 32], y, [i16::MAX; 32]]);
+    }
+}
+
+#[test]
+fn batches_of_fast_samples_show_how_a_sensor_shakes_and_one_with_a_hole_is_none() {
+    let mut file = DataFlashFile::new();
+    let (accelerometer, gyro) = ([0.0, 1.0, 200.0], [1.0, 0.0, 1000.0]);
+    batch(&mut file, 0, accelerometer, 1024, 90.0, None);
+    batch(&mut file, 1, gyro, 1024, 45.0, None);
+    batch(&mut file, 2, accelerometer, 1024, 90.0, Some(7));
+    batch(&mut file, 3, accelerometer, 1024, 90.0, None);
+    // Of the last one only the head was written.
+    batch(&mut file, 4, gyro, 0, 45.0, None);
+    file.message("ISBH", 9_000_000, &[5.0, 1.0, 0.0, 1000.0, 1024.0, 9e6, 1000.0]);
+    let folder = tempfile::tempdir().unwrap();
+    let (inputs, summary) = inputs(&write_log(folder.path(), "log", &file.bytes));
+    assert_eq!(inputs, [], "they are no input of the navigation");
+    let seen: Vec<_> = summary.fast.all().map(|s| (s.kind, s.unit, s.batches, s.clipped)).collect();
+    assert_eq!(seen, [(FastKind::Gyro, 0, 1, 1024), (FastKind::Accelerometer, 1, 2, 2048)]);
+    assert_eq!(summary.fast.broken, 1);
+    for (sensor, hz, rms) in summary.fast.all().zip([45.0, 90.0]).map(|(s, hz)| (s, hz, 1000.0 / 2f64.sqrt()))
+    {
+        let unit = if sensor.kind == FastKind::Gyro { 1e-3 } else { 1.0 / 200.0 };
+        let (tone, [x, y, z]) = (sensor.strongest().unwrap(), sensor.vibration().unwrap());
+        assert!((tone.hz - hz).abs() < 1.0 && tone.part > 0.99, "{tone:?}");
+        assert!((y / (unit * rms) - 1.0).abs() < 0.01 && x < 1e-9 && z < 1e-6, "{x} {y} {z}");
+    }
+    assert!(summary.remarks().iter().any(|r| r == "1 batches of fast samples are not whole"));
+}
+
+#[test]
+fn inspect_says_what_shakes_and_what_the_imu_cannot_show() {
+    let mut file = DataFlashFile::new();
+    batch(&mut file, 0, [1.0, 0.0, 1000.0], 1024, 45.0, None);
+    batch(&mut file, 1, [0.0, 0.0, 200.0], 1024, 90.0, None);
+    batch(&mut file, 2, [0.0, 1.0, 200.0], 256, 90.0, None);
+    for i in 0..2000u32 {
+        let us = 6_000_000 + u64::from(i) * 40_000;
+        imu(&mut file, us, 0.0, 0.1, 1.0);
+        file.message("ESC", us, &[f64::from(i % 4), 2700.0, 2700.0, 16.0, 1.0, 30.0, 1.0, 30.0, 0.0]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_log(folder.path(), "log", &file.bytes);
+    let report = holdover(&["inspect", path.to_str().unwrap(), "--json"]).json();
+    let vibration = &report["vibration"];
+    assert_eq!(vibration["rotors"]["hz"], serde_json::json!([45.0, 45.0, 45.0]));
+    let sensors = vibration["fast_sensors"].as_array().unwrap();
+    assert_eq!(sensors.len(), 3);
+    assert!((sensors[0]["strongest_hz"].as_f64().unwrap() - 45.0).abs() < 1.0, "{vibration}");
+    // What passes the filter is not known where the log does not tell of the filter.
+    assert!(sensors[0]["folded"].is_null() && sensors[2]["vibration"].is_null(), "{vibration}");
+    let text = holdover(&["inspect", path.to_str().unwrap()]).out;
+    for words in [
+        "4, at 45 to 45 Hz, mostly 45 Hz",
+        "faster than the log's IMU can show at 25 Hz",
+        "at 45 Hz, as fast as the rotors turn",
+        "at 90 Hz, twice as fast as the rotors turn",
+        "1 batches at 1000 Hz, too short for a spectrum",
+    ] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+}
+
+#[test]
+fn speeds_of_rotors_are_heard_of_both_autopilots() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut copter = DataFlashFile::new();
+    for i in 0..40u32 {
+        let rpm = if i % 4 == 3 { 0.0 } else { 3000.0 };
+        let told = [f64::from(i % 4), rpm, rpm, 16.0, 1.0, 30.0, 1.0, 30.0, 0.0];
+        copter.message("ESC", 2_000_000 + u64::from(i) * 10_000, &told);
+    }
+    let mut px4 = UlogFile::new(&[]);
+    // What esc_status holds is declared of its own.
+    px4.message(
+        b'F',
+        b"esc_report:uint64_t timestamp;int32_t esc_rpm;uint8_t esc_state;uint8_t[3] _padding0;",
+    );
+    for i in 0..10 {
+        let report = |fields: Fields, rpm| fields.u64(0).u32(rpm).u8(0).u8(0).u8(0).u8(0);
+        let mut fields = Fields::default().u8(3);
+        for rpm in [3000, 0, 3000u32.wrapping_neg()] {
+            fields = report(fields, rpm);
+        }
+        px4.data("esc_status", "uint8_t esc_count;esc_report[3] esc", 2_000_000 + i * 100_000, fields);
+    }
+    for (bytes, turning) in [(&copter.bytes, 3), (&px4.bytes, 2)] {
+        let (_, summary) = inputs(&write_log(folder.path(), "log", bytes));
+        assert_eq!(summary.rotors.controllers(), turning);
+        assert_eq!(summary.rotors.quantile_hz(0.5), Some(50.0));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn any_batches_are_whole_or_broken(
+        heads in proptest::collection::vec((any::<[u16; 5]>(), any::<f32>(), 0usize..40), 1..6),
+        sample in any::<i16>(),
+    ) {
+        let mut file = DataFlashFile::new();
+        for ([number, kind, unit, mul, count], rate, parts) in &heads {
+            let told = [number, &(kind % 4), unit, mul, &(count % 1200)].map(|v| f64::from(*v));
+            let us = 2_000_000;
+            file.message("ISBH", us, &[&told[..], &[0.0, f64::from(*rate)]].concat());
+            (0..*parts).for_each(|part| file.batch(us, *number, part as u16, &[[sample; 32]; 3]));
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let (_, summary) = inputs(&write_log(folder.path(), "log", &file.bytes));
+        let whole: u64 = summary.fast.all().map(|s| s.batches).sum();
+        prop_assert!(whole + summary.fast.broken <= heads.len() as u64);
+        for sensor in summary.fast.all() {
+            prop_assert!(sensor.vibration().is_none_or(|v| v.iter().all(|v| v.is_finite())));
+        }
+    }
 }

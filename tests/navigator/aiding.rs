@@ -105,7 +105,7 @@ fn airspeed_is_not_for_multirotors_and_drag_not_for_wings() {
     let mut navigator = flight::navigator(&[]);
     let suite = SensorSuite { airspeed: Some(AirspeedModel::pitot()), ..SensorSuite::mems() };
     for airframe in [Airframe::Multirotor, Airframe::FixedWing] {
-        navigator.set_status(VehicleStatus { airframe: Some(airframe), armed: Some(true) });
+        navigator.set_status(VehicleStatus { airframe: Some(airframe), armed: Some(true), landed: None });
         let before = [Measured::Airspeed, Measured::Drag].map(|m| navigator.statuses().nis(m).fused);
         for reading in Simulation::new(Scenario::circles(), suite, 1).take_while(|r| r.t_s < 40.0) {
             for sample in reading.samples.iter() {

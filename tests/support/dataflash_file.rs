@@ -8,7 +8,7 @@ use crate::ulog_file::micros;
 
 const FMT: u8 = 128;
 /// Name, format and labels of what is written, as ArduPilot 4.7 has them.
-const KINDS: [(&str, &str, &str); 12] = [
+const KINDS: [(&str, &str, &str); 17] = [
     ("IMU", "QBffffffIIfBBHH", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"),
     ("MAG", "QBhhhhhhhhhBI", "TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health,S"),
     ("BARO", "QBffI", "TimeUS,I,Alt,Press,SMS"),
@@ -21,6 +21,11 @@ const KINDS: [(&str, &str, &str); 12] = [
     ("MSG", "QZ", "TimeUS,Message"),
     ("GYR", "QBQfff", "TimeUS,I,SampleUS,GyrX,GyrY,GyrZ"),
     ("ACC", "QBQfff", "TimeUS,I,SampleUS,AccX,AccY,AccZ"),
+    ("EV", "QB", "TimeUS,Id"),
+    ("STAT", "QBfBBB", "TimeUS,isFlying,isFlyProb,Armed,Safety,Crash"),
+    ("ESC", "QBffffcfcf", "TimeUS,Instance,RPM,RawRPM,Volt,Curr,Temp,CTot,MotTemp,Err"),
+    ("ISBH", "QHBBHHQf", "TimeUS,N,type,instance,mul,smp_cnt,SampleUS,smp_rate"),
+    ("ISBD", "QHHaaa", "TimeUS,N,seqno,x,y,z"),
 ];
 
 /// A file that grows.
@@ -39,7 +44,7 @@ fn size(format: &str) -> usize {
         'Q' => 8,
         'f' | 'I' | 'L' | 'e' => 4,
         'h' | 'H' | 'c' | 'C' => 2,
-        'Z' => 64,
+        'Z' | 'a' => 64,
         _ => 1,
     };
     format.chars().map(one).sum()
@@ -56,6 +61,15 @@ impl DataFlashFile {
             file.bytes.extend(padded(labels, 64));
         }
         file
+    }
+
+    /// Samples of a batch, by axis: `ISBD` of this number, the `seqno`-th.
+    pub fn batch(&mut self, us: u64, number: u16, seqno: u16, axes: &[[i16; 32]; 3]) {
+        let kind = KINDS.iter().position(|k| k.0 == "ISBD").expect("described");
+        self.bytes.extend([0xA3, 0x95, kind as u8]);
+        self.bytes.extend(us.to_le_bytes());
+        self.bytes.extend([number, seqno].iter().flat_map(|n| n.to_le_bytes()));
+        self.bytes.extend(axes.iter().flatten().flat_map(|n| n.to_le_bytes()));
     }
 
     /// A message: its numbers, in the order and with the factors of its format.

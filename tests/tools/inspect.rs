@@ -87,3 +87,32 @@ fn what_is_expected_without_gnss_was_measured_and_what_never_aligns_says_so() {
     assert!(text.contains("it never aligns"), "{text}");
     fs::remove_file(path).unwrap();
 }
+
+/// ESC_TELEMETRY_1_TO_4 and EXTENDED_SYS_STATE.
+const ESC: u32 = 11_030;
+const LANDED: u32 = 245;
+
+#[test]
+fn flights_and_rotors_are_told_where_the_log_tells_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut flight = records(COPTER, 0.0, 120.0);
+    assert!(flight.iter().any(|r| r.id() == LANDED));
+    let path = write_log(folder.path(), "flight.tlog", &bytes_of(&flight));
+    let report = inspect(&path);
+    let period = |report: &Value, what: &str| {
+        let all = report[what].as_array().unwrap();
+        assert_eq!(all.len(), 1, "{report}");
+        (all[0]["from_s"].as_f64().unwrap(), all[0]["to_s"].as_f64().unwrap())
+    };
+    let (armed, in_air) = (period(&report, "armed"), period(&report, "in_air"));
+    // It takes off some seconds after it is armed, and the log ends in the air.
+    assert!(armed.0 + 1.0 < in_air.0 && in_air.0 < armed.0 + 10.0, "{armed:?} {in_air:?}");
+    assert!(in_air.1 > 118.0 && report["vibration"]["rotors"].is_null());
+    let text = holdover(&["inspect", path.to_str().unwrap()]).out;
+    assert!(text.contains("in the air, as it says itself, from") && !text.contains("Vibration"), "{text}");
+    // Without that message nothing is said of it.
+    flight.retain(|r| r.id() != LANDED && r.id() != ESC);
+    let silent = inspect(&write_log(folder.path(), "silent.tlog", &bytes_of(&flight)));
+    assert_eq!(silent["in_air"].as_array().unwrap().len(), 0);
+    assert_eq!(period(&silent, "armed"), armed);
+}

@@ -164,7 +164,8 @@ impl Stage {
     }
 
     fn beat(&mut self) {
-        let status = VehicleStatus { airframe: Some(Airframe::Multirotor), armed: Some(self.set_up.armed) };
+        let (airframe, armed) = (Some(Airframe::Multirotor), Some(self.set_up.armed));
+        let status = VehicleStatus { airframe, armed, landed: None };
         let beat = encode_vehicle::heartbeat(self.set_up.kind, &status);
         self.send(&beat);
         if self.set_up.company {

@@ -48,10 +48,10 @@ impl Question {
             outcome.failure = lacks(why);
             return Ok(());
         }
-        let Some((from, to)) = survey.airborne else {
+        if survey.flights.is_empty() {
             outcome.failure = lacks("the vehicle does not fly in it".to_owned());
             return Ok(());
-        };
+        }
         // What fails is the log's reason, not the command's.
         let mut answers: Vec<Option<Result<_, LogError>>> = self.settings.iter().map(|_| None).collect();
         let asked = jobs::as_done(
@@ -71,9 +71,9 @@ impl Question {
             outcome.losses.extend(losses);
         }
         if outcome.rows.is_empty() {
+            let longest_s = survey.flights.iter().map(|(from, to)| to - from).fold(0.0, f64::max);
             outcome.failure = lacks(format!(
-                "no outage of these lengths fits into its flight of {:.0} s, of which {SETTLE_S} s are to settle in",
-                to - from
+                "no outage of these lengths fits into its flight of {longest_s:.0} s, of which {SETTLE_S} s are to settle in"
             ));
         }
         Ok(())
@@ -89,11 +89,11 @@ impl Question {
         let name = log.path().display().to_string();
         let estimator: Estimator = pipeline.navigator.estimator;
         let found = if survey.longest_loss_s >= LEAST_S {
-            losses(log, pipeline, survey.airborne)?
+            losses(log, pipeline, survey.airborne())?
         } else {
             Vec::new()
         };
-        let rows = sweep(log, pipeline, survey.airborne, &self.lengths_s, self.starts)?;
+        let rows = sweep(log, pipeline, &survey.flights, &self.lengths_s, self.starts)?;
         let named = || (name.clone(), estimator.label().to_owned());
         let row = |row| {
             let (log, estimator) = named();

@@ -3,6 +3,7 @@
 mod lag;
 mod outlook;
 mod sensors;
+mod vibration;
 
 use std::collections::BTreeMap;
 
@@ -14,12 +15,14 @@ use crate::log::stretches::Stretches;
 use crate::log::{Entry, Log, LogFile, LogSummary};
 use crate::navigator::solution::Mode;
 use crate::navigator::sources::landmarks::LandmarkSetup;
+use crate::replay::airborne::ToldFlights;
 use crate::replay::runner::Runner;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
 use crate::time::AutopilotTime;
 
 use outlook::OutlookReport;
 use sensors::{SensorReport, Sensors};
+use vibration::{LoggedImu, VibrationReport};
 
 use super::logs::LogArgs;
 use super::table::Table;
@@ -41,6 +44,10 @@ pub struct InspectArgs {
 
 /// IMU streams slower than this cannot be integrated, Hz.
 const LEAST_IMU_HZ: f64 = 20.0;
+/// Where this message is, the log's IMU is a mean of fast samples.
+const MEANS_OF: &str = "GYR";
+/// Of many flights, so many are printed.
+const PERIODS_SHOWN: usize = 8;
 
 #[derive(Debug, Serialize)]
 struct InspectReport {
@@ -57,10 +64,15 @@ struct InspectReport {
     /// Messages that carry a signature, which is not looked at.
     signed: u64,
     samples: Vec<KindReport>,
-    imu_holes: Vec<HoleReport>,
+    imu_holes: Vec<PeriodReport>,
+    /// By the vehicle's own word.
+    armed: Vec<PeriodReport>,
+    in_air: Vec<PeriodReport>,
     truth: bool,
     /// What is to be said of each sensor.
     sensors: Vec<SensorReport>,
+    /// What shakes the inertial units.
+    vibration: VibrationReport,
     /// What became of it when it was flown again, and how far off it would be without GNSS.
     outlook: Option<OutlookReport>,
     can: Vec<String>,
@@ -88,7 +100,7 @@ struct ParameterReport {
 }
 
 #[derive(Debug, Serialize)]
-struct HoleReport {
+struct PeriodReport {
     from_s: f64,
     to_s: f64,
 }
@@ -139,6 +151,7 @@ struct Contents {
     truth: bool,
     airframe: Option<Airframe>,
     sensors: Sensors,
+    told: ToldFlights,
     span: Option<(AutopilotTime, AutopilotTime)>,
 }
 
@@ -158,11 +171,17 @@ impl Contents {
             }
             Input::Status(status) => {
                 self.airframe = status.airframe;
+                self.told.note(self.duration_s(), status);
                 return;
             }
             Input::Origin(_) | Input::Clock(_) => return,
         };
         self.span = Some(self.span.map_or((time, time), |(a, b)| (a, b.max(time))));
+    }
+
+    /// From the first sample to the last so far, s.
+    fn duration_s(&self) -> f64 {
+        self.span.map_or(0.0, |(a, b)| b.seconds_since(a))
     }
 }
 
@@ -172,6 +191,22 @@ fn message_reports(messages: MessageCounts) -> Vec<MessageReport> {
     messages.into_iter().map(report).collect()
 }
 
+fn kind_report(kind: SampleKind, s: &Stretches) -> KindReport {
+    let (holes, missing_s) = s.holes();
+    KindReport {
+        kind: kind.label(),
+        count: s.count(),
+        rate_hz: s.rate_hz(),
+        longest_gap_s: s.longest_gap_s(),
+        holes,
+        missing_s,
+    }
+}
+
+fn periods(all: Vec<(f64, f64)>) -> Vec<PeriodReport> {
+    all.into_iter().map(|(from_s, to_s)| PeriodReport { from_s, to_s }).collect()
+}
+
 fn report(
     log: &Log,
     summary: &LogSummary,
@@ -179,24 +214,18 @@ fn report(
     messages: MessageCounts,
     landmarks: Option<&LandmarkSetup>,
 ) -> InspectReport {
-    let duration_s = contents.span.map_or(0.0, |(a, b)| b.seconds_since(a));
+    let duration_s = contents.duration_s();
     let heard: [u64; SampleKind::ALL.len()] = std::array::from_fn(|i| contents.kinds[i].count());
     let imu = &contents.kinds[SampleKind::Imu as usize];
-    let kind = |&k: &SampleKind| {
-        let s = &contents.kinds[k as usize];
-        let (holes, missing_s) = s.holes();
-        KindReport {
-            kind: k.label(),
-            count: s.count(),
-            rate_hz: s.rate_hz(),
-            longest_gap_s: s.longest_gap_s(),
-            holes,
-            missing_s,
-        }
-    };
+    let kind = |k: &SampleKind| kind_report(*k, &contents.kinds[*k as usize]);
     let hole = |(ended, gap_s): (AutopilotTime, f64)| {
         let to_s = contents.span.map_or(0.0, |(from, _)| ended.seconds_since(from));
-        HoleReport { from_s: to_s - gap_s, to_s }
+        PeriodReport { from_s: to_s - gap_s, to_s }
+    };
+    let logged = LoggedImu {
+        rate_hz: imu.rate_hz(),
+        single: messages.values().all(|(name, _)| name != MEANS_OF),
+        duration_s,
     };
     InspectReport {
         log: log.path().display().to_string(),
@@ -212,8 +241,11 @@ fn report(
         signed: summary.signed,
         samples: SampleKind::ALL.iter().map(kind).collect(),
         imu_holes: imu.shown().map(hole).collect(),
+        armed: periods(contents.told.armed(duration_s)),
+        in_air: periods(contents.told.in_air(duration_s)),
         truth: contents.truth,
         sensors: contents.sensors.report(),
+        vibration: VibrationReport::of(summary, logged),
         outlook: None,
         messages: message_reports(messages),
         can: abilities(&heard, contents.truth, contents.airframe, landmarks),
@@ -328,6 +360,7 @@ fn print_report(r: &InspectReport, summary: &LogSummary) {
     }
     print_samples(r);
     print_sensors(&r.sensors);
+    r.vibration.print();
     outln!("\nWhat Holdover can do with it");
     match &r.lacks {
         Some(reason) => outln!("  nothing: {reason}"),
@@ -387,5 +420,13 @@ fn print_samples(r: &InspectReport) {
     table.print();
     for hole in &r.imu_holes {
         outln!("  no IMU from {:.1} to {:.1} s", hole.from_s, hole.to_s);
+    }
+    for (what, periods) in [("armed", &r.armed), ("in the air, as it says itself,", &r.in_air)] {
+        for period in periods.iter().take(PERIODS_SHOWN) {
+            outln!("  {what} from {:.1} to {:.1} s", period.from_s, period.to_s);
+        }
+        if periods.len() > PERIODS_SHOWN {
+            outln!("  {what} {} times more", periods.len() - PERIODS_SHOWN);
+        }
     }
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::navigator::event::EventKind;
-use crate::navigator::solution::Mode;
+use crate::navigator::solution::{Mode, VelocitySource};
 use crate::replay::runner::Runner;
 
 /// How far off it would be after some time.
@@ -15,6 +15,12 @@ pub(super) struct ExpectedError {
     times: u32,
 }
 
+#[derive(Clone, Debug, Serialize)]
+struct DistrustedFlow {
+    flow: u8,
+    why: &'static str,
+}
+
 /// See the module's documentation.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct OutlookReport {
@@ -24,6 +30,8 @@ pub(super) struct OutlookReport {
     waiting_for: Option<String>,
     /// Measured on this flight beside GNSS.
     expected: Vec<ExpectedError>,
+    /// Optical flow that never carried, and what is held against it at the end.
+    distrusted: Vec<DistrustedFlow>,
     /// Latency of GNSS, s, as the navigation found it, with its standard deviation.
     gnss_latency_s: [f64; 2],
 }
@@ -42,11 +50,19 @@ impl OutlookReport {
             let error_m = m.error_m.filter(|_| m.times > 0)?;
             Some(ExpectedError { carried_by: m.source.label(), after_s: m.after_s, error_m, times: m.times })
         });
+        let expected: Vec<ExpectedError> = expected.collect();
+        let carried = expected.iter().any(|e| e.carried_by == VelocitySource::Flow.label());
+        let distrusted = navigator
+            .flow_sensors()
+            .filter_map(|(flow, _, trust)| Some(DistrustedFlow { flow, why: trust.err()?.reason() }))
+            .filter(|_| !carried);
+        let distrusted = distrusted.collect();
         let (latency_s, sigma_s) = navigator.gnss_latency_s();
         Self {
             aligned_at_s: aligned.map(|(t, _)| *t),
             waiting_for,
-            expected: expected.collect(),
+            expected,
+            distrusted,
             gnss_latency_s: [latency_s, sigma_s],
         }
     }
@@ -59,6 +75,9 @@ impl OutlookReport {
                 outln!("  it never aligns: {why}");
                 return;
             }
+        }
+        for DistrustedFlow { flow, why } in &self.distrusted {
+            outln!("  optical flow {flow} is not used: {why}");
         }
         if self.expected.is_empty() {
             outln!(

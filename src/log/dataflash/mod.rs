@@ -4,6 +4,7 @@ mod aiding;
 mod inertial;
 mod position;
 mod reader;
+mod shaking;
 
 use std::io::{self, Read};
 
@@ -13,15 +14,18 @@ use crate::wire::counters::Cause;
 use crate::wire::frame::{ComponentId, SystemId};
 use crate::wire::session::identity::{AutopilotKind, FirmwareVersion, ReleaseType, Vehicle};
 
+use super::fast_samples::FastSensors;
 use super::format::DATAFLASH_FMT;
 use super::intake::Intake;
 use super::parameters::Parameters;
+use super::rotors::RotorSpeeds;
 use super::row::{Columns, LogRow};
 use super::{Entry, Listener, LogSummary};
 
 use inertial::Batches;
 use position::OwnEstimate;
 use reader::{DataFlashReader, Described, described, text};
+use shaking::OpenBatch;
 
 /// Messages among which the vehicle introduces itself: descriptions and parameters come first.
 const INTRODUCTION: u64 = 20_000;
@@ -59,17 +63,20 @@ struct ArduPilot {
     batches: Batches,
     estimate: OwnEstimate,
     parameters: Parameters,
+    rotors: RotorSpeeds,
+    fast: FastSensors,
+    batch: Option<OpenBatch>,
 }
 
-/// Whether it is armed.
+/// Whether it is armed, and whether it flies.
 const STATUS: &[MessageMeaning] = &[
     MessageMeaning { names: &["ARM"], fields: &["TimeUS", "ArmState"], decode: arm },
-    MessageMeaning { names: &["STAT"], fields: &["TimeUS", "Armed"], decode: stat },
+    MessageMeaning { names: &["STAT"], fields: &["TimeUS", "Armed", "isFlying"], decode: stat },
     MessageMeaning { names: &["EV"], fields: &["TimeUS", "TimeMS", "Id"], decode: event },
 ];
 
 fn meaning(name: &str) -> Option<(&'static MessageMeaning, u8)> {
-    let all = [STATUS, inertial::MEANINGS, position::MEANINGS, aiding::MEANINGS];
+    let all = [STATUS, inertial::MEANINGS, position::MEANINGS, aiding::MEANINGS, shaking::MEANINGS];
     all.into_iter().flatten().find_map(|m| {
         let instance = m.names.iter().position(|n| *n == name)?;
         Some((m, instance as u8))
@@ -77,7 +84,12 @@ fn meaning(name: &str) -> Option<(&'static MessageMeaning, u8)> {
 }
 
 fn armed(vehicle: &mut ArduPilot, armed: bool) -> Result<(), Cause> {
-    vehicle.intake.status(VehicleStatus { airframe: None, armed: Some(armed) });
+    vehicle.intake.status(VehicleStatus { armed: Some(armed), ..VehicleStatus::default() });
+    Ok(())
+}
+
+fn landed(vehicle: &mut ArduPilot, landed: bool) -> Result<(), Cause> {
+    vehicle.intake.status(VehicleStatus { landed: Some(landed), ..VehicleStatus::default() });
     Ok(())
 }
 
@@ -86,14 +98,17 @@ fn arm(vehicle: &mut ArduPilot, m: &Told<'_>) -> Result<(), Cause> {
 }
 
 fn stat(vehicle: &mut ArduPilot, m: &Told<'_>) -> Result<(), Cause> {
-    armed(vehicle, m.row.byte("Armed").ok_or(Cause::BadPayload)? != 0)
+    armed(vehicle, m.row.byte("Armed").ok_or(Cause::BadPayload)? != 0)?;
+    m.row.byte("isFlying").map_or(Ok(()), |flies| landed(vehicle, flies == 0))
 }
 
-/// Events 10 and 11 are armed and disarmed.
+/// Events of `AP_Logger.h`: `ARMED`, `DISARMED`, `LAND_COMPLETE`, `NOT_LANDED`.
 fn event(vehicle: &mut ArduPilot, m: &Told<'_>) -> Result<(), Cause> {
     match m.row.byte("Id") {
         Some(10) => armed(vehicle, true),
         Some(11) => armed(vehicle, false),
+        Some(18) => landed(vehicle, true),
+        Some(28) => landed(vehicle, false),
         _ => Ok(()),
     }
 }
@@ -261,6 +276,8 @@ pub(super) fn play(bytes: impl Read, vehicle: &Vehicle, to: &mut Listener<'_>) -
         reboots: ardupilot.intake.clock.reboots(),
         counters,
         parameters: ardupilot.parameters,
+        rotors: ardupilot.rotors,
+        fast: ardupilot.fast,
         ..LogSummary::default()
     })
 }
@@ -295,7 +312,8 @@ impl ArduPilot {
             }
             "MSG" => {
                 if let Some((airframe, _, _)) = message(payload).and_then(firmware) {
-                    self.intake.status(VehicleStatus { airframe: Some(airframe), armed: None });
+                    self.intake
+                        .status(VehicleStatus { airframe: Some(airframe), ..VehicleStatus::default() });
                 }
             }
             _ => {}

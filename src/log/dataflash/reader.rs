@@ -11,7 +11,7 @@ use std::io::{self, Read};
 use crate::wire::read_ahead::ReadAhead;
 
 use super::super::format::{DATAFLASH_FMT, DATAFLASH_HEAD};
-use super::super::row::{FieldSlot, Storage};
+use super::super::row::{FieldSlot, SHORTS, Storage};
 
 /// The two bytes, and the type.
 const HEADER: usize = 3;
@@ -152,7 +152,9 @@ fn field(letter: char, at: usize) -> Option<(usize, Option<FieldSlot>)> {
         'L' => number(Storage::I32, 1e-7),
         'n' => (4, None),
         'N' => (16, None),
-        'Z' | 'a' => (64, None),
+        'Z' => (64, None),
+        // An array: its first.
+        'a' => (2 * SHORTS, Some(FieldSlot { at, storage: Storage::I16, factor: 1.0 })),
         'g' => (2, None),
         _ => return None,
     })

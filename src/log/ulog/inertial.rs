@@ -1,4 +1,4 @@
-//! Inertial units, magnetometers and barometers of a ULog.
+//! Inertial units, magnetometers and barometers of a ULog, and the rotors that shake them.
 
 use crate::time::AutopilotTime;
 use crate::wire::counters::Cause;
@@ -60,7 +60,20 @@ pub(super) const TOPICS: &[Topic] = &[
         fields: &["timestamp_sample", "baro_pressure_pa"],
         decode: vehicle_air_data,
     },
+    Topic { name: "esc_status", fields: &ROTORS, decode: esc_status },
     Topic { name: "sensor_baro", fields: &["timestamp_sample", "pressure"], decode: sensor_baro },
+];
+
+/// Speed controllers of `esc_status`.
+const ROTORS: [&str; 8] = [
+    "esc[0].esc_rpm",
+    "esc[1].esc_rpm",
+    "esc[2].esc_rpm",
+    "esc[3].esc_rpm",
+    "esc[4].esc_rpm",
+    "esc[5].esc_rpm",
+    "esc[6].esc_rpm",
+    "esc[7].esc_rpm",
 ];
 
 /// Which of the inertial units are fit to be integrated.
@@ -146,4 +159,14 @@ fn sensor_baro(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
     let told = m.row.get("pressure").ok_or(Cause::BadPayload)?;
     let pressure_pa = if told < IN_PASCAL { told * PASCAL_PER_HECTOPASCAL } else { told };
     px4.intake.pressure(m.instance, m.measured(), pressure_pa)
+}
+
+/// `esc_status`: turns a minute.
+fn esc_status(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
+    for (controller, name) in ROTORS.iter().enumerate() {
+        if let Some(rpm) = m.row.get(name) {
+            px4.rotors.note(controller as u8, rpm);
+        }
+    }
+    Ok(())
 }

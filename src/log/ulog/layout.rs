@@ -56,8 +56,9 @@ impl Formats {
         (at <= LONGEST).then_some((shortest, at))
     }
 
-    /// Where a field of a format stands: `name`, or `name[2]` of an array.
-    pub(super) fn slot(&self, format: &str, field: &str) -> Option<FieldSlot> {
+    /// Where a field of a format stands: `name`, or `name[2]` of an array, or `name[2].field` of an array of another format.
+    pub(super) fn slot(&self, format: &str, path: &str) -> Option<FieldSlot> {
+        let (field, inner) = path.split_once('.').map_or((path, None), |(field, inner)| (field, Some(inner)));
         let (name, index) = match field.strip_suffix(']').and_then(|f| f.split_once('[')) {
             Some((name, index)) => (name, index.parse().ok()?),
             None => (field, 0),
@@ -65,14 +66,26 @@ impl Formats {
         let mut sizes = BTreeMap::new();
         let mut at = 0usize;
         for declared in self.formats.get(format)? {
+            let size = self.size(declared, &mut sizes, 0)?;
             if declared.name == name {
-                let storage = storage(&declared.of)?;
                 let is_in = index < declared.n && declared.is_array == field.ends_with(']');
-                return is_in.then_some(FieldSlot { at: at + index * storage.len(), storage, factor: 1.0 });
+                let element = is_in.then(|| at.checked_add(size / declared.n * index))??;
+                return self.slot_within(&declared.of, inner, element);
             }
-            at = at.checked_add(self.size(declared, &mut sizes, 0)?)?;
+            at = at.checked_add(size)?;
         }
         None
+    }
+
+    /// The same of what begins at `at`: a number, or a field of another format.
+    fn slot_within(&self, of: &str, inner: Option<&str>, at: usize) -> Option<FieldSlot> {
+        match inner {
+            None => Some(FieldSlot { at, storage: storage(of)?, factor: 1.0 }),
+            Some(path) => {
+                let slot = self.slot(of, path)?;
+                Some(FieldSlot { at: at.checked_add(slot.at)?, ..slot })
+            }
+        }
     }
 
     /// Bytes of a field, with all its elements. Each format is measured once, and one that holds itself has no size.
@@ -153,6 +166,8 @@ mod tests {
         assert_eq!(at("v[0]"), Some((16, Storage::F32)));
         assert_eq!(at("v[2]"), Some((24, Storage::F32)));
         assert_eq!(at("flag"), Some((28, Storage::U8)));
+        assert_eq!(at("pair[1].b"), Some((14, Storage::U16)));
+        assert_eq!((at("pair[2].b"), at("pair.b"), at("pair[0].c"), at("flag.b")), (None, None, None, None));
         assert_eq!(
             (at("v[3]"), at("v"), at("flag[0]"), at("pair"), at("gone")),
             (None, None, None, None, None)
@@ -187,6 +202,7 @@ mod tests {
                     prop_assert!(shortest <= longest && longest <= LONGEST);
                 }
                 let _ = formats.slot(name, "a[3]");
+                let _ = formats.slot(name, "a[3].b[2].c");
             }
         }
     }

@@ -18,6 +18,7 @@ use crate::wire::session::identity::{AutopilotKind, FirmwareVersion, Vehicle};
 
 use super::intake::Intake;
 use super::parameters::Parameters;
+use super::rotors::RotorSpeeds;
 use super::row::{Columns, LogRow};
 use super::{Entry, Listener, LogSummary};
 
@@ -75,6 +76,7 @@ struct Px4 {
     truth: GroundTruth,
     flows: super::intake::Ranked,
     parameters: Parameters,
+    rotors: RotorSpeeds,
 }
 
 /// Topics that say what is so, whenever it was published.
@@ -84,6 +86,7 @@ const STATES: &[Topic] = &[
         fields: &["arming_state", "system_type", "vehicle_type", "is_rotary_wing"],
         decode: status,
     },
+    Topic { name: "vehicle_land_detected", fields: &["landed"], decode: land_detected },
     Topic { name: "sensor_selection", fields: &["accel_device_id"], decode: inertial::selection },
 ];
 
@@ -102,7 +105,14 @@ fn status(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
     };
     let airframe = m.row.byte("system_type").and_then(airframe).or(by_kind);
     let armed = m.row.byte("arming_state").map(|s| s == 2);
-    px4.intake.status(VehicleStatus { airframe, armed });
+    px4.intake.status(VehicleStatus { airframe, armed, landed: None });
+    Ok(())
+}
+
+/// `vehicle_land_detected`.
+fn land_detected(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
+    let landed = m.row.byte("landed").ok_or(Cause::BadPayload)? != 0;
+    px4.intake.status(VehicleStatus { landed: Some(landed), ..VehicleStatus::default() });
     Ok(())
 }
 
@@ -222,6 +232,7 @@ pub(super) fn play(bytes: impl Read, vehicle: &Vehicle, to: &mut Listener<'_>) -
         reboots: reading.px4.intake.clock.reboots(),
         counters,
         parameters: reading.px4.parameters,
+        rotors: reading.px4.rotors,
         notes,
         ..LogSummary::default()
     })

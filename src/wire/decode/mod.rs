@@ -12,6 +12,7 @@ pub mod limits;
 mod reference;
 mod repair;
 mod repeats;
+mod rotors;
 mod status;
 #[cfg(test)]
 mod tests;
@@ -35,6 +36,7 @@ use field_unit::FieldUnit;
 use foreign::OwnSensors;
 use gnss::Receiver;
 pub use repair::{Repair, Repairs};
+pub use rotors::RotorWord;
 pub use status::airframe;
 
 /// How the two autopilots fill the same messages differently.
@@ -204,6 +206,7 @@ impl Decoder {
         match message {
             MavMessage::HEARTBEAT(m) => self.heartbeat(m, out),
             MavMessage::SYS_STATUS(m) => self.sys_status(m),
+            MavMessage::EXTENDED_SYS_STATE(m) => self.extended_sys_state(m, out),
             MavMessage::HIGHRES_IMU(m) => self.highres_imu(m, out),
             MavMessage::SCALED_IMU(m) => self.scaled_imu(1, m, out),
             MavMessage::RAW_IMU(m) => self.raw_imu(m, out),

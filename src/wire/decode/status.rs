@@ -1,4 +1,4 @@
-//! What the vehicle is and whether it is armed, and whether it has a pitot tube.
+//! What the vehicle is, whether it is armed and has landed, and whether it has a pitot tube.
 
 use mavlink::dialects::ardupilotmega as apm;
 
@@ -24,12 +24,37 @@ impl Decoder {
             mavlink_version: m.mavlink_version,
         };
         let NatureWord::Believed(is) = self.nature.hear(now_us, told) else { return Err(Cause::Unconfirmed) };
-        let status = VehicleStatus { airframe: airframe(is.vehicle_type), armed: Some(is.armed()) };
+        let landed = self.status.and_then(|before| before.landed);
+        self.tell(
+            VehicleStatus { airframe: airframe(is.vehicle_type), armed: Some(is.armed()), landed },
+            out,
+        );
+        Ok(())
+    }
+
+    /// EXTENDED_SYS_STATE of the autopilot.
+    pub(super) fn extended_sys_state(
+        &mut self,
+        m: &apm::EXTENDED_SYS_STATE_DATA,
+        out: Out<'_>,
+    ) -> Result<(), Cause> {
+        use apm::MavLandedState as State;
+        let landed = match m.landed_state {
+            State::MAV_LANDED_STATE_UNDEFINED => return Ok(()),
+            State::MAV_LANDED_STATE_ON_GROUND => true,
+            State::MAV_LANDED_STATE_IN_AIR
+            | State::MAV_LANDED_STATE_TAKEOFF
+            | State::MAV_LANDED_STATE_LANDING => false,
+        };
+        self.tell(VehicleStatus { landed: Some(landed), ..self.status.unwrap_or_default() }, out);
+        Ok(())
+    }
+
+    fn tell(&mut self, status: VehicleStatus, out: Out<'_>) {
         if self.status != Some(status) {
             self.status = Some(status);
             out.push(Input::Status(status));
         }
-        Ok(())
     }
 
     /// SYS_STATUS tells whether a differential pressure sensor is enabled.

@@ -318,3 +318,53 @@ fn a_flow_as_velocity_only_stands_on_the_distance_that_comes_with_it() {
     let counted = vehicle.decoder.counters().of(Cause::NoDistance);
     assert_eq!(counted, 1);
 }
+
+#[test]
+fn landings_are_told_beside_what_the_heartbeat_says() {
+    let mut vehicle = TestVehicle::new(AutopilotKind::Px4);
+    let mut statuses = Vec::new();
+    for state in [
+        apm::MavLandedState::MAV_LANDED_STATE_ON_GROUND,
+        apm::MavLandedState::MAV_LANDED_STATE_UNDEFINED,
+        apm::MavLandedState::MAV_LANDED_STATE_TAKEOFF,
+        apm::MavLandedState::MAV_LANDED_STATE_IN_AIR,
+        apm::MavLandedState::MAV_LANDED_STATE_LANDING,
+        apm::MavLandedState::MAV_LANDED_STATE_ON_GROUND,
+    ] {
+        let message = MavMessage::EXTENDED_SYS_STATE(apm::EXTENDED_SYS_STATE_DATA {
+            vtol_state: apm::MavVtolState::MAV_VTOL_STATE_UNDEFINED,
+            landed_state: state,
+        });
+        let mut out = Vec::new();
+        vehicle.decoder.decode(&frame_of(1, 1, &message).frame().unwrap(), None, &mut out);
+        // Of another component it is not the autopilot's word.
+        vehicle.decoder.decode(&frame_of(1, 42, &message).frame().unwrap(), None, &mut out);
+        statuses.extend(out);
+    }
+    let landed: Vec<_> =
+        statuses.iter().map(|i| if let Input::Status(s) = i { s.landed } else { None }).collect();
+    assert_eq!(landed, [Some(true), Some(false), Some(true)]);
+}
+
+#[test]
+fn speed_controllers_tell_of_four_rotors_at_a_time() {
+    let word = |message: &MavMessage| RotorWord::of(&frame_of(1, 1, message).frame().unwrap());
+    let of_status = MavMessage::ESC_STATUS(apm::ESC_STATUS_DATA {
+        index: 4,
+        time_usec: 1,
+        rpm: [3000, -3100, 0, 7],
+        voltage: [0.0; 4],
+        current: [0.0; 4],
+    });
+    assert_eq!(word(&of_status), Some(RotorWord { first: 4, rpm: [3000.0, -3100.0, 0.0, 7.0] }));
+    let of_telemetry = MavMessage::ESC_TELEMETRY_5_TO_8(apm::ESC_TELEMETRY_5_TO_8_DATA {
+        temperature: [0; 4],
+        voltage: [0; 4],
+        current: [0; 4],
+        totalcurrent: [0; 4],
+        rpm: [1, 2, 3, 65_535],
+        count: [0; 4],
+    });
+    assert_eq!(word(&of_telemetry), Some(RotorWord { first: 4, rpm: [1.0, 2.0, 3.0, 65_535.0] }));
+    assert_eq!(word(&imu(1, Vector3::zeros())), None);
+}
