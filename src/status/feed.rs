@@ -12,8 +12,10 @@ const EVERY: Span = Span::from_millis(200);
 
 /// What goes to whoever shows it.
 #[derive(Debug)]
-pub(super) enum FeedItem {
+pub enum FeedItem {
+    /// How everything fares.
     View(Box<StatusView>),
+    /// What happened.
     Event(EventView),
 }
 

@@ -6,6 +6,7 @@
 
 mod board;
 mod feed;
+mod front;
 mod guard;
 mod metrics;
 mod rates;
@@ -14,6 +15,7 @@ mod server;
 mod show;
 pub mod view;
 
-pub use feed::StatusFeed;
+pub use feed::{FeedItem, StatusFeed};
+pub use front::StatusFront;
 pub use server::{StatusError, StatusServer};
 pub use show::{Glance, show};

@@ -2,36 +2,22 @@
 
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 use std::{io, thread};
 
-use axum::{Extension, Router};
-use hyper::server::conn::http1;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
 use nix::sys::socket::{setsockopt, sockopt};
-use tokio::net::TcpStream;
 use tokio::sync::Semaphore;
 use tokio::sync::mpsc::{Receiver, channel};
 
-use super::board::{Board, RequestCounts};
 use super::feed::{FeedItem, StatusFeed};
-use super::routes::{Streams, router};
+use super::front::StatusFront;
 use crate::config::StatusSettings;
 use crate::time::{Companion, Stamp};
 
 /// Connections at a time.
 const MOST_CONNECTIONS: usize = 64;
-/// A request has to have come in this time, and its answer to have gone in that; a stream lasts longer, and its viewer comes again.
-const REQUEST: Duration = Duration::from_secs(5);
-const ANSWER: Duration = Duration::from_secs(15);
-const STREAM: Duration = Duration::from_secs(3600);
 /// A viewer that takes nothing for so long is gone, ms.
 const STALLED_MS: u32 = 15_000;
-/// A request's head, bytes (the least that hyper can do with), and its lines.
-const LONGEST_HEAD: usize = 8192;
-const MOST_HEADERS: usize = 40;
 /// What the navigation has told and was not taken yet.
 const WAITING: usize = 64;
 /// After an error of accepting.
@@ -100,20 +86,19 @@ impl StatusServer {
     }
 
     async fn serve(self) {
-        let board = Arc::new(Board::new());
+        let front = Arc::new(StatusFront::new(self.names));
         let Ok(listener) = tokio::net::TcpListener::from_std(self.listener) else { return };
-        let router = router(Arc::clone(&board), self.names);
-        let accepting = tokio::spawn(accept(listener, router, Arc::clone(&board)));
+        let accepting = tokio::spawn(accept(listener, Arc::clone(&front)));
         let mut told = self.told;
         while let Some(told) = told.recv().await {
-            board.take(told);
+            front.take(told);
         }
         // The navigation has ended.
         accepting.abort();
     }
 }
 
-async fn accept(listener: tokio::net::TcpListener, router: Router, board: Arc<Board>) {
+async fn accept(listener: tokio::net::TcpListener, front: Arc<StatusFront>) {
     let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
@@ -121,36 +106,15 @@ async fn accept(listener: tokio::net::TcpListener, router: Router, board: Arc<Bo
             continue;
         };
         let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-            RequestCounts::note(&board.requests.dropped);
+            front.dropped();
             continue;
         };
-        let (router, board) = (router.clone(), Arc::clone(&board));
+        // A kernel without it leaves a stalled viewer its place for longer.
+        let _ = setsockopt(&stream, sockopt::TcpUserTimeout, &STALLED_MS);
+        let front = Arc::clone(&front);
         tokio::spawn(async move {
-            if !answer(stream, router).await {
-                RequestCounts::note(&board.requests.dropped);
-            }
+            front.answer(stream).await;
             drop(place);
         });
     }
-}
-
-/// Answers one connection; whether it was one that could be.
-async fn answer(stream: TcpStream, router: Router) -> bool {
-    // A kernel without it leaves a stalled viewer its place for longer.
-    let _ = setsockopt(&stream, sockopt::TcpUserTimeout, &STALLED_MS);
-    let streams = Streams::default();
-    let service = TowerToHyperService::new(router.layer(Extension(Arc::clone(&streams))));
-    let connection = http1::Builder::new()
-        .timer(TokioTimer::new())
-        .header_read_timeout(REQUEST)
-        .max_buf_size(LONGEST_HEAD)
-        .max_headers(MOST_HEADERS)
-        .keep_alive(false)
-        .serve_connection(TokioIo::new(stream), service);
-    tokio::pin!(connection);
-    if let Ok(ended) = tokio::time::timeout(ANSWER, &mut connection).await {
-        return ended.is_ok();
-    }
-    streams.load(Ordering::Relaxed)
-        && tokio::time::timeout(STREAM, connection).await.is_ok_and(|ended| ended.is_ok())
 }

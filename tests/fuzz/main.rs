@@ -26,13 +26,14 @@ use holdover::wire::tlog::TlogReader;
 use mutate::{Dice, corpus, mutated, tried};
 
 /// Inputs of each target, as many as take some seconds.
-const INPUTS: [(&str, u64); 8] = [
+const INPUTS: [(&str, u64); 9] = [
     ("deframer", 60_000),
     ("tlog", 30_000),
     ("ulog", 20_000),
     ("dataflash", 20_000),
     ("decode", 6_000),
     ("config", 600),
+    ("http", 40_000),
     ("signing", 15_000),
     ("pipeline", 600),
 ];
@@ -72,7 +73,7 @@ macro_rules! fuzz_tests {
     ($($name:ident)+) => { $(#[test] fn $name() { fuzzed(stringify!($name)); })+ };
 }
 
-fuzz_tests! { deframer tlog ulog dataflash decode config signing pipeline }
+fuzz_tests! { deframer tlog ulog dataflash decode config http signing pipeline }
 
 #[test]
 fn every_target_is_a_test_and_one_of_cargo_fuzz() {
@@ -129,6 +130,19 @@ fn the_corpus_is_written() {
         "signing",
         b"signing.key_file=k\nsigning.accept_unsigned=heartbeat\ntuning.gnss.loss_s=1e3\n",
     );
+    let host = "Host: localhost:8750";
+    for (name, size, lines) in [
+        ("page", 255, format!("GET / HTTP/1.1\r\n{host}\r\nOrigin: http://localhost:8750\r\n\r\n")),
+        ("status", 7, "GET /api/v1/status HTTP/1.1\r\nHost: [::1]:8750\r\nAccept: */*\r\n\r\n".to_owned()),
+        ("events", 255, "GET /api/v1/events?after=0 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".to_owned()),
+        ("stream", 255, format!("GET /api/v1/stream HTTP/1.1\r\n{host}\r\nLast-Event-ID: 3\r\n\r\n")),
+        ("metrics", 0, format!("HEAD /metrics HTTP/1.0\r\n{host}\r\n\r\nGET /page.js HTTP/1.1\r\n{host}\r\n\r\n")),
+        ("track", 31, format!("GET /api/v1/track HTTP/1.1\r\n{host}\r\nConnection: Upgrade\r\nUpgrade: h2c\r\nExpect: 100-continue\r\n\r\n")),
+        ("post", 15, format!("POST /api/v1/openapi.json HTTP/1.1\r\n{host}\r\nTransfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n0\r\n\r\n")),
+        ("foreign", 255, "GET http://localhost/../page.css HTTP/1.1\r\nHost: drone.local.evil.example\r\nContent-Length: 3\r\n\r\nabc".to_owned()),
+    ] {
+        put("http", name, &[&[size], lines.as_bytes()].concat());
+    }
     let mut dice = Dice(3);
     for (which, name) in [(0, "aided"), (1, "outage"), (2, "back")] {
         let script: Vec<u8> = (0..40).flat_map(|_| dice.roll().to_le_bytes().into_iter().take(6)).collect();

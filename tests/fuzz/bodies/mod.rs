@@ -5,6 +5,7 @@
 
 mod bytes;
 mod decode;
+mod http;
 mod logs;
 mod pipeline;
 mod texts;
@@ -16,13 +17,14 @@ pub struct FuzzTarget {
 }
 
 /// All of them.
-pub const TARGETS: [FuzzTarget; 8] = [
+pub const TARGETS: [FuzzTarget; 9] = [
     FuzzTarget { name: "deframer", run: bytes::deframer },
     FuzzTarget { name: "tlog", run: bytes::tlog },
     FuzzTarget { name: "ulog", run: logs::ulog },
     FuzzTarget { name: "dataflash", run: logs::dataflash },
     FuzzTarget { name: "decode", run: decode::decode },
     FuzzTarget { name: "config", run: texts::config },
+    FuzzTarget { name: "http", run: http::http },
     FuzzTarget { name: "signing", run: bytes::signing },
     FuzzTarget { name: "pipeline", run: pipeline::pipeline },
 ];
