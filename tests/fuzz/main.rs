@@ -33,7 +33,7 @@ const INPUTS: [(&str, u64); 9] = [
     ("dataflash", 20_000),
     ("decode", 6_000),
     ("config", 600),
-    ("http", 40_000),
+    ("http", 15_000),
     ("signing", 15_000),
     ("pipeline", 600),
 ];

@@ -106,8 +106,7 @@ fn code_of(answer: &[u8]) -> Option<u16> {
     let head = text.split("\r\n\r\n").next().unwrap_or_default();
     let line = head.lines().next().unwrap_or_default();
     let code = line.strip_prefix("HTTP/1.1 ").or_else(|| line.strip_prefix("HTTP/1.0 "));
-    let code: u16 =
-        code.and_then(|c| c.get(..3)?.parse().ok()).unwrap_or_else(|| panic!("no answer: {line}"));
+    let code: u16 = code.and_then(|c| c.get(..3)?.parse().ok()).expect("an answer begins with a code");
     assert!((200..500).contains(&code), "{line}");
     if matches!(code, 200 | 404 | 405 | 421) {
         for manner in ["x-frame-options: DENY", "x-content-type-options: nosniff", "default-src 'none'"] {
