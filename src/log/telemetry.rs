@@ -88,6 +88,9 @@ pub(super) fn play(
         signed += u64::from(frame.is_signed());
         (to.entry)(&Entry { name, id, system: frame.system().0, component: frame.component().0 });
         if let Some(mark) = Mark::of(frame) {
+            if recording.ends_with(&mark) {
+                break;
+            }
             recording.mark(&mark, &mut decoder);
             (to.aside)(&Aside::Mark(mark));
             continue;
@@ -142,9 +145,17 @@ struct Recorded {
     parts: u32,
     heard_as: HeardAs,
     lost: u64,
+    /// Another recording stands behind it.
+    ended: bool,
 }
 
 impl Recorded {
+    /// Whether another recording begins: that is another flight.
+    fn ends_with(&mut self, mark: &Mark) -> bool {
+        self.ended = self.parts > 0 && matches!(mark, Mark::Part { run, .. } if *run != self.run);
+        self.ended
+    }
+
     fn mark(&mut self, mark: &Mark, decoder: &mut Decoder) {
         match mark {
             Mark::Part { run, part } => {
@@ -176,10 +187,74 @@ impl Recorded {
             let of = if self.parts == 1 { String::new() } else { format!(", {} files of it", self.parts) };
             notes.push(format!("recording {} of Holdover{of}", self.run));
         }
+        if self.ended {
+            notes.push("what stands behind it is another recording, and left out".to_owned());
+        }
         if self.lost > 0 {
             notes
                 .push(format!("{} frames are missing in the recording: the disk did not keep up", self.lost));
         }
         notes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::recording::MarkWriter;
+    use crate::wire::session::Address;
+    use crate::wire::session::heartbeat::{SystemStatus, heartbeat};
+    use crate::wire::session::identity::AutopilotKind;
+    use crate::wire::session::outgoing::FrameWriter;
+
+    const VEHICLE: Vehicle = Vehicle {
+        system: SystemId(3),
+        component: ComponentId::AUTOPILOT,
+        autopilot: AutopilotKind::Px4,
+        vehicle_type: 2,
+        armed: false,
+        version: None,
+    };
+
+    /// The notes, what was told beside the inputs, and how many frames were read.
+    fn read(marks: &[Mark]) -> (Vec<String>, Vec<Mark>, u64) {
+        let (mut writer, mut bytes) = (MarkWriter::new(), Vec::new());
+        let mut beats =
+            FrameWriter::new(Address { system: SystemId(3), component: ComponentId::ODOMETRY_SOURCE });
+        for (i, mark) in (1_000_000_u64..).zip(marks) {
+            for frame in [writer.write(mark), beats.write(&heartbeat(SystemStatus::Active, 0))] {
+                bytes.extend(i.to_be_bytes());
+                bytes.extend_from_slice(&frame.unwrap());
+            }
+        }
+        let mut told = Vec::new();
+        let mut aside = |aside: &Aside<'_>| {
+            if let Aside::Mark(mark) = aside {
+                told.push(mark.clone());
+            }
+        };
+        let mut to = Listener { entry: &mut |_| {}, item: &mut |_, _| {}, aside: &mut aside };
+        let summary = play(&bytes[..], LogFormat::Tlog, &VEHICLE, &mut to).unwrap();
+        (summary.notes, told, summary.frames)
+    }
+
+    #[test]
+    fn the_files_of_a_recording_are_one_and_another_recording_is_another_flight() {
+        let part = |run, part| Mark::Part { run, part };
+        let follows = Mark::Follows { vehicle: VEHICLE, anew: false };
+        let (notes, told, _) =
+            read(&[part(4, 1), follows.clone(), part(4, 2), follows.clone(), Mark::Lost(7)]);
+        assert_eq!(told.len(), 5);
+        assert_eq!(notes.len(), 2);
+        assert!(notes[0].contains("recording 4 of Holdover, 2 files"), "{notes:?}");
+        assert!(notes[1].starts_with("7 frames are missing"), "{notes:?}");
+        let (notes, told, frames) = read(&[part(4, 1), follows.clone(), part(5, 1), follows]);
+        assert_eq!((told.len(), frames), (2, 5));
+        assert!(notes[1].contains("another recording"), "{notes:?}");
+    }
+
+    #[test]
+    fn another_log_is_no_recording() {
+        assert_eq!(read(&[]).0, Vec::<String>::new());
     }
 }
