@@ -69,7 +69,7 @@ impl SentAgain {
         }
         let now = self.waiting.iter().filter_map(FrameBytes::frame);
         let of_then = now.filter(|f| f.message_id() == frame.message_id()).filter_map(|f| position_of(&f));
-        if let Some((_, now)) = of_then.filter(|(time, _)| *time == time_us).last() {
+        if let Some((_, now)) = of_then.rfind(|(time, _)| *time == time_us) {
             self.report.different += 1;
             let apart = position.iter().zip(now).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt();
             self.report.apart_m = self.report.apart_m.max(apart);
