@@ -257,6 +257,13 @@ fn a_vehicle_without_truth_flies_when_it_says_so() {
     assert_eq!(flights(&[]).len(), 1);
 }
 
+/// `ISBD`: samples by axis.
+fn part_of_batch(file: &mut DataFlashFile, us: u64, number: u16, part: u16, axes: &[[i16; 32]; 3]) {
+    let samples = axes.iter().flatten().map(|v| f64::from(*v));
+    let told: Vec<f64> = [number, part].map(f64::from).into_iter().chain(samples).collect();
+    file.message("ISBD", us, &told);
+}
+
 /// A batch of so many samples of one sensor at 1 kHz, which shakes by `size` units of the log at `hz` along y; without the `lost`-th part of it.
 fn batch(
     file: &mut DataFlashFile,
@@ -271,7 +278,7 @@ fn batch(
     for part in (0..n / 32).filter(|part| Some(*part) != lost) {
         let at = |i: usize| (std::f64::consts::TAU * hz * (part * 32 + i) as f64 * 1e-3).sin();
         let y: [i16; 32] = std::array::from_fn(|i| (1000.0 * at(i)) as i16);
-        file.batch(us + part as u64 * 20_000, number, part as u16, &[[0; 32], y, [i16::MAX; 32]]);
+        part_of_batch(file, us + part as u64 * 20_000, number, part as u16, &[[0; 32], y, [i16::MAX; 32]]);
     }
 }
 
@@ -377,7 +384,7 @@ proptest! {
             let told = [number, &(kind % 4), unit, mul, &(count % 1200)].map(|v| f64::from(*v));
             let us = 2_000_000;
             file.message("ISBH", us, &[&told[..], &[0.0, f64::from(*rate)]].concat());
-            (0..*parts).for_each(|part| file.batch(us, *number, part as u16, &[[sample; 32]; 3]));
+            (0..*parts).for_each(|part| part_of_batch(&mut file, us, *number, part as u16, &[[sample; 32]; 3]));
         }
         let folder = tempfile::tempdir().unwrap();
         let (_, summary) = inputs(&write_log(folder.path(), "log", &file.bytes));

@@ -63,23 +63,18 @@ impl DataFlashFile {
         file
     }
 
-    /// Samples of a batch, by axis: `ISBD` of this number, the `seqno`-th.
-    pub fn batch(&mut self, us: u64, number: u16, seqno: u16, axes: &[[i16; 32]; 3]) {
-        let kind = KINDS.iter().position(|k| k.0 == "ISBD").expect("described");
-        self.bytes.extend([0xA3, 0x95, kind as u8]);
-        self.bytes.extend(us.to_le_bytes());
-        self.bytes.extend([number, seqno].iter().flat_map(|n| n.to_le_bytes()));
-        self.bytes.extend(axes.iter().flatten().flat_map(|n| n.to_le_bytes()));
-    }
-
-    /// A message: its numbers, in the order and with the factors of its format.
+    /// A message: its numbers, in the order and with the factors of its format; 32 of an array.
     pub fn message(&mut self, name: &str, us: u64, values: &[f64]) {
         let (kind, (_, format, _)) =
             KINDS.iter().enumerate().find(|(_, k)| k.0 == name).expect("a kind that is described");
         self.bytes.extend([0xA3, 0x95, kind as u8]);
         self.bytes.extend(us.to_le_bytes());
-        assert_eq!(format.len() - 1, values.len(), "{name}");
-        for (letter, value) in format.chars().skip(1).zip(values) {
+        let letters = format.chars().skip(1).flat_map(|letter| match letter {
+            'a' => std::iter::repeat_n('h', 32),
+            other => std::iter::repeat_n(other, 1),
+        });
+        assert_eq!(letters.clone().count(), values.len(), "{name}");
+        for (letter, value) in letters.zip(values) {
             match letter {
                 'f' => self.bytes.extend((*value as f32).to_le_bytes()),
                 'Q' => self.bytes.extend((*value as u64).to_le_bytes()),
