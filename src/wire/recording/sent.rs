@@ -68,7 +68,8 @@ impl SentAgain {
             return;
         }
         let now = self.waiting.iter().filter_map(FrameBytes::frame);
-        let of_then = now.filter(|f| f.message_id() == frame.message_id()).filter_map(|f| position_of(&f));
+        let mut of_then =
+            now.filter(|f| f.message_id() == frame.message_id()).filter_map(|f| position_of(&f));
         if let Some((_, now)) = of_then.rfind(|(time, _)| *time == time_us) {
             self.report.different += 1;
             let apart = position.iter().zip(now).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt();
