@@ -103,7 +103,8 @@ fn source(s: &SourceReport) -> SourceView {
         age_s: 0.0,
         test_ratio: s.test_ratio,
         nis: s.nis_mean,
-        used: s.used.max(s.fused),
+        // What has no samples of its own is counted by what the filter took: the height, standing still, rotor drag. A fix is four scalars.
+        used: if s.used > 0 { s.used } else { s.fused },
         refused,
         reason: most,
     }
@@ -136,5 +137,32 @@ fn ellipse(s: &Solution) -> EllipseView {
         major_m: (mean + half).max(0.0).sqrt(),
         minor_m: (mean - half).max(0.0).sqrt(),
         azimuth_deg: (0.5 * (2.0 * b).atan2(a - c)).to_degrees(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::navigator::sources::status::{SourceHealth, SourceKind};
+
+    #[test]
+    fn samples_are_counted_and_not_what_the_filter_makes_of_them() {
+        let report = |kind, used, fused| SourceReport {
+            kind,
+            id: 0,
+            used,
+            fused,
+            gated: 0,
+            rejected: BTreeMap::from([("no fix", 3), ("untimely", 4)]),
+            nis_mean: None,
+            test_ratio: None,
+            health: SourceHealth::Healthy,
+            charge: None,
+        };
+        let fixes = source(&report(SourceKind::Gnss, 100, 400));
+        assert_eq!((fixes.used, fixes.refused, fixes.reason.as_deref()), (100, 7, Some("untimely")));
+        assert_eq!(source(&report(SourceKind::Height, 0, 187)).used, 187);
     }
 }
