@@ -5,9 +5,9 @@ use std::io::{self, Read};
 
 use crate::time::{Companion, Stamp};
 use crate::wire::decode::{Decoder, RotorWord};
-use crate::wire::frame::{ComponentId, Frame, SystemId};
+use crate::wire::frame::{Frame, SystemId};
 use crate::wire::messages;
-use crate::wire::recording::{HeardAs, Mark};
+use crate::wire::recording::{HeardAs, Mark, is_of_ours};
 use crate::wire::session::identity::{Identity, IdentityConfig, Vehicle};
 use crate::wire::tlog::TlogReader;
 
@@ -97,7 +97,7 @@ pub(super) fn play(
         }
         if recording.parts > 0 {
             (to.aside)(&Aside::At(record.written_us));
-            if frame.component() == ComponentId::ODOMETRY_SOURCE {
+            if is_of_ours(frame) && !std::mem::take(&mut recording.of_ours) {
                 (to.aside)(&Aside::Sent(*frame));
             }
         }
@@ -144,6 +144,8 @@ struct Recorded {
     run: u32,
     parts: u32,
     heard_as: HeardAs,
+    /// The next frame was heard, whatever component it names.
+    of_ours: bool,
     lost: u64,
     /// Another recording stands behind it.
     ended: bool,
@@ -176,7 +178,11 @@ impl Recorded {
                 }
             }
             Mark::Heard(how) => self.heard_as = *how,
-            Mark::Lost(frames) => self.lost += u64::from(*frames),
+            Mark::Lost(frames) => {
+                self.lost += u64::from(*frames);
+                self.of_ours = false;
+            }
+            Mark::HeardOfOurs => self.of_ours = true,
             Mark::Stands(_) | Mark::Drill { .. } | Mark::Kept { .. } => {}
         }
     }
@@ -201,6 +207,7 @@ impl Recorded {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wire::frame::ComponentId;
     use crate::wire::recording::MarkWriter;
     use crate::wire::session::Address;
     use crate::wire::session::heartbeat::{SystemStatus, heartbeat};
@@ -216,8 +223,9 @@ mod tests {
         version: None,
     };
 
-    /// The notes, what was told beside the inputs, and how many frames were read.
-    fn read(marks: &[Mark]) -> (Vec<String>, Vec<Mark>, u64) {
+    /// The notes, what was told beside the inputs, and how many frames were read and taken for what was sent. A heartbeat of our component
+    /// stands behind each mark.
+    fn read(marks: &[Mark]) -> (Vec<String>, Vec<Mark>, [u64; 2]) {
         let (mut writer, mut bytes) = (MarkWriter::new(), Vec::new());
         let mut beats =
             FrameWriter::new(Address { system: SystemId(3), component: ComponentId::ODOMETRY_SOURCE });
@@ -227,15 +235,15 @@ mod tests {
                 bytes.extend_from_slice(&frame.unwrap());
             }
         }
-        let mut told = Vec::new();
-        let mut aside = |aside: &Aside<'_>| {
-            if let Aside::Mark(mark) = aside {
-                told.push(mark.clone());
-            }
+        let (mut told, mut sent) = (Vec::new(), 0);
+        let mut aside = |aside: &Aside<'_>| match aside {
+            Aside::Mark(mark) => told.push(mark.clone()),
+            Aside::Sent(_) => sent += 1,
+            Aside::At(_) => {}
         };
         let mut to = Listener { entry: &mut |_| {}, item: &mut |_, _| {}, aside: &mut aside };
         let summary = play(&bytes[..], LogFormat::Tlog, &VEHICLE, &mut to).unwrap();
-        (summary.notes, told, summary.frames)
+        (summary.notes, told, [summary.frames, sent])
     }
 
     #[test]
@@ -249,8 +257,14 @@ mod tests {
         assert!(notes[0].contains("recording 4 of Holdover, 2 files"), "{notes:?}");
         assert!(notes[1].starts_with("7 frames are missing"), "{notes:?}");
         let (notes, told, frames) = read(&[part(4, 1), follows.clone(), part(5, 1), follows]);
-        assert_eq!((told.len(), frames), (2, 5));
+        assert_eq!((told.len(), frames), (2, [5, 2]));
         assert!(notes[1].contains("another recording"), "{notes:?}");
+    }
+
+    #[test]
+    fn what_was_heard_of_our_component_is_not_what_was_sent() {
+        let part = Mark::Part { run: 1, part: 1 };
+        assert_eq!(read(&[part.clone(), Mark::HeardOfOurs, Mark::Heard(HeardAs::Listened)]).2, [6, 2]);
     }
 
     #[test]

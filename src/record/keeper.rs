@@ -57,6 +57,8 @@ struct Open {
     file: File,
     path: PathBuf,
     bytes: u64,
+    /// There is nothing in it that was heard or sent.
+    empty: bool,
     since: Stamp<Companion>,
 }
 
@@ -173,6 +175,7 @@ impl Keeper {
         };
         let done = open.file.write_all(&block.bytes);
         open.bytes += more;
+        open.empty &= done.is_err();
         let path = open.path.clone();
         self.open = Some(open);
         done.map_err(|e| failed(&path, &e))?;
@@ -195,17 +198,23 @@ impl Keeper {
                 bytes.extend_from_slice(&frame);
             }
         }
-        file.write_all(&bytes).map_err(|e| crate::files::named(&path, &e))?;
+        if let Err(e) = file.write_all(&bytes) {
+            let _ = std::fs::remove_file(&path);
+            return Err(crate::files::named(&path, &e));
+        }
         self.written.files.fetch_add(1, Ordering::Relaxed);
         if self.shelf.part() == 1 || self.failed.is_some() {
             let _ = self.tell.try_send(RecordNews::Begun(path.clone()));
         }
-        Ok(Open { file, path, bytes: bytes.len() as u64, since: now })
+        Ok(Open { file, path, bytes: bytes.len() as u64, empty: true, since: now })
     }
 
     fn end_file(&mut self) {
-        if let Some(open) = self.open.take() {
-            self.shelf.put(open.bytes);
+        match self.open.take() {
+            // A disk that fails again and again is not filled with beginnings.
+            Some(open) if open.empty => drop(std::fs::remove_file(&open.path)),
+            Some(open) => self.shelf.put(open.bytes),
+            None => {}
         }
         self.unsynced = None;
     }

@@ -17,7 +17,7 @@ use std::time::Duration;
 use crate::time::{Companion, Span, Stamp};
 use crate::wire::companion_clock::CompanionClock;
 use crate::wire::frame::Frame;
-use crate::wire::recording::{HeardAs, Mark, MarkWriter, is_withheld};
+use crate::wire::recording::{HeardAs, Mark, MarkWriter, is_of_ours, is_withheld};
 use crate::wire::session::identity::Vehicle;
 
 use keeper::Keeper;
@@ -159,6 +159,9 @@ impl LinkRecorder {
         if self.heard_as != how {
             self.heard_as = how;
             self.say(now, &Mark::Heard(how));
+        }
+        if is_of_ours(frame) {
+            self.say(now, &Mark::HeardOfOurs);
         }
         self.put(now, frame.bytes());
     }

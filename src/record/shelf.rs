@@ -29,12 +29,11 @@ pub(super) struct Shelf {
 }
 
 impl Shelf {
-    /// Looks at the folder, and makes it where it is missing. The recording has the number after the highest.
+    /// Looks at the folder, and makes it where it is missing.
     pub(super) fn open(folder: PathBuf) -> io::Result<Self> {
         fs::create_dir_all(&folder).map_err(|e| named(&folder, &e))?;
         let mut shelf = Self { folder, run: 0, part: 0, parts: Vec::new() };
         shelf.look()?;
-        shelf.run = shelf.parts.iter().map(|p| p.run).max().unwrap_or(0).saturating_add(1);
         Ok(shelf)
     }
 
@@ -53,7 +52,7 @@ impl Shelf {
         Ok(())
     }
 
-    /// Number of the recording.
+    /// Number of the recording; 0 before it has a file.
     pub(super) fn run(&self) -> u32 {
         self.run
     }
@@ -72,16 +71,21 @@ impl Shelf {
         self.folder.join(format!("holdover-{run:05}.toml"))
     }
 
-    /// Begins the next file.
+    /// Begins the next file. With the first the recording takes its number: another program may have taken the one before.
     pub(super) fn next(&mut self, configuration: &str) -> io::Result<(File, PathBuf)> {
         self.look()?;
         if self.part == 0 {
-            write_whole(&self.configuration(self.run), configuration.as_bytes(), Overwrite::Ours, READABLE)?;
+            self.run = self.parts.iter().map(|p| p.run).max().unwrap_or(0).saturating_add(1);
         }
         let part = self.part + 1;
         let path = self.path(self.run, part);
         let file = OpenOptions::new().write(true).create_new(true).mode(READABLE).open(&path);
         let file = file.map_err(|e| named(&path, &e))?;
+        if part == 1 {
+            let beside = self.configuration(self.run);
+            let written = write_whole(&beside, configuration.as_bytes(), Overwrite::Ours, READABLE);
+            written.inspect_err(|_| drop(fs::remove_file(&path)))?;
+        }
         self.part = part;
         // Its name, too, has to outlive a loss of power.
         File::open(&self.folder).and_then(|folder| folder.sync_all()).map_err(|e| named(&self.folder, &e))?;
@@ -171,7 +175,6 @@ mod tests {
         }
         fs::write(folder.path().join("mine.tlog"), [0; 1000]).unwrap();
         let mut shelf = Shelf::open(folder.path().to_owned()).unwrap();
-        assert_eq!(shelf.run(), 8);
         let (_, path) = shelf.next("a = 1\n").unwrap();
         assert_eq!(path, folder.path().join("holdover-00008-001.tlog"));
         // 300 of others, 50 of its own and 20 to come.
@@ -194,6 +197,17 @@ mod tests {
         // The disk has not so much, whatever goes.
         assert!(!shelf.make_room((150, 0), 1000, u64::MAX));
         assert_eq!(names(folder.path()), ["holdover-00008-001.tlog", "holdover-00008.toml", "mine.tlog"]);
+    }
+
+    #[test]
+    fn two_that_begin_at_once_have_numbers_of_their_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut shelves = [(); 2].map(|()| Shelf::open(folder.path().to_owned()).unwrap());
+        let runs = shelves.each_mut().map(|shelf| {
+            shelf.next("").unwrap();
+            shelf.run()
+        });
+        assert_eq!(runs, [1, 2]);
     }
 
     #[test]

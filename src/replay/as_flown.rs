@@ -43,7 +43,7 @@ impl AsFlown {
             Aside::Mark(Mark::Stands(on)) => pipeline.outbound.set_standing(*on),
             Aside::Mark(Mark::Drill { from_s, to_s }) => return Some((*from_s, *to_s)),
             Aside::Mark(Mark::Kept { index, of, bytes }) => self.piece(*index, *of, bytes),
-            Aside::Mark(Mark::Heard(_) | Mark::Lost(_)) => {}
+            Aside::Mark(Mark::Heard(_) | Mark::HeardOfOurs | Mark::Lost(_)) => {}
         }
         None
     }

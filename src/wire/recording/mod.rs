@@ -7,6 +7,8 @@
 
 mod sent;
 
+use std::io::{self, Write};
+
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{MavMessage, SETUP_SIGNING_DATA, V2_EXTENSION_DATA};
 
@@ -77,6 +79,8 @@ pub enum Mark {
     },
     /// So many frames are missing here: the disk did not keep up.
     Lost(u32),
+    /// The next frame was heard, though the component that it names is ours.
+    HeardOfOurs,
 }
 
 impl Mark {
@@ -95,6 +99,11 @@ impl Mark {
         let Ok(MavMessage::V2_EXTENSION(m)) = frame.parse() else { return None };
         (m.message_type == MESSAGE_TYPE).then(|| read(&mut &m.payload[..])).flatten()
     }
+}
+
+/// Whether a frame names the component that Holdover speaks as. In a recording those are what it sent, but for what a mark says was heard.
+pub fn is_of_ours(frame: &Frame<'_>) -> bool {
+    frame.component() == ComponentId::ODOMETRY_SOURCE
 }
 
 /// Whether a frame that is heard must not be recorded: it could be taken for a mark, or holds a key.
@@ -130,8 +139,7 @@ impl MarkWriter {
             *self = Self::of(vehicle.system);
         }
         let mut payload = [0; 249];
-        let said = said(mark);
-        payload.get_mut(..said.len())?.copy_from_slice(&said);
+        say(mark, &mut &mut payload[..]).ok()?;
         self.frames.write(&MavMessage::V2_EXTENSION(V2_EXTENSION_DATA {
             message_type: MESSAGE_TYPE,
             payload,
@@ -155,38 +163,28 @@ mod kind {
     pub(super) const DRILL: u8 = 5;
     pub(super) const KEPT: u8 = 6;
     pub(super) const LOST: u8 = 7;
+    pub(super) const HEARD_OF_OURS: u8 = 8;
 }
 
 /// Numbers are little-endian, as everywhere in MAVLink.
-fn said(mark: &Mark) -> Vec<u8> {
-    let mut to = Vec::with_capacity(16);
+fn say(mark: &Mark, to: &mut impl Write) -> io::Result<()> {
+    let mut pieces = |pieces: &[&[u8]]| pieces.iter().try_for_each(|piece| to.write_all(piece));
     match mark {
-        Mark::Part { run, part } => {
-            to.push(kind::PART);
-            to.extend([run.to_le_bytes(), part.to_le_bytes()].concat());
-        }
+        Mark::Part { run, part } => pieces(&[&[kind::PART], &run.to_le_bytes(), &part.to_le_bytes()]),
         Mark::Follows { vehicle: v, anew } => {
-            to.extend([kind::FOLLOWS, v.system.0, v.component.0, v.autopilot.to_wire(), v.vehicle_type]);
-            to.extend([u8::from(v.armed), u8::from(*anew)]);
+            let who = [v.system.0, v.component.0, v.autopilot.to_wire(), v.vehicle_type];
+            pieces(&[&[kind::FOLLOWS], &who, &[u8::from(v.armed), u8::from(*anew)]])
         }
-        Mark::Heard(how) => to.extend([kind::HEARD, *how as u8]),
-        Mark::Stands(on) => to.extend([kind::STANDS, *on as u8]),
-        Mark::Drill { from_s, to_s } => {
-            to.push(kind::DRILL);
-            to.extend([from_s.to_le_bytes(), to_s.to_le_bytes()].concat());
-        }
+        Mark::Heard(how) => pieces(&[&[kind::HEARD, *how as u8]]),
+        Mark::Stands(on) => pieces(&[&[kind::STANDS, *on as u8]]),
+        Mark::Drill { from_s, to_s } => pieces(&[&[kind::DRILL], &from_s.to_le_bytes(), &to_s.to_le_bytes()]),
         Mark::Kept { index, of, bytes } => {
-            to.push(kind::KEPT);
-            to.extend([index.to_le_bytes(), of.to_le_bytes()].concat());
-            to.push(u8::try_from(bytes.len()).unwrap_or(u8::MAX));
-            to.extend(bytes);
+            let len = u8::try_from(bytes.len()).unwrap_or(u8::MAX);
+            pieces(&[&[kind::KEPT], &index.to_le_bytes(), &of.to_le_bytes(), &[len], bytes])
         }
-        Mark::Lost(frames) => {
-            to.push(kind::LOST);
-            to.extend(frames.to_le_bytes());
-        }
+        Mark::Lost(frames) => pieces(&[&[kind::LOST], &frames.to_le_bytes()]),
+        Mark::HeardOfOurs => pieces(&[&[kind::HEARD_OF_OURS]]),
     }
-    to
 }
 
 fn read(from: &mut &[u8]) -> Option<Mark> {
@@ -204,6 +202,7 @@ fn read(from: &mut &[u8]) -> Option<Mark> {
         kind::DRILL => drill(from),
         kind::KEPT => kept(from),
         kind::LOST => number(from).map(Mark::Lost),
+        kind::HEARD_OF_OURS => Some(Mark::HeardOfOurs),
         _ => None,
     }
 }
@@ -286,6 +285,7 @@ mod tests {
         for how in [HeardAs::Listened, HeardAs::Sensor, HeardAs::Beside] {
             assert_eq!(again(&Mark::Heard(how)), Some(Mark::Heard(how)));
         }
+        assert_eq!(again(&Mark::HeardOfOurs), Some(Mark::HeardOfOurs));
         for on in [StandsOn::Unknown, StandsOn::Gnss, StandsOn::Ours, StandsOn::Nothing] {
             assert_eq!(again(&Mark::Stands(on)), Some(Mark::Stands(on)));
         }
@@ -334,7 +334,9 @@ mod tests {
         #[test]
         fn whatever_else_stands_there_does_no_harm(bytes: Vec<u8>) {
             if let Some(mark) = read(&mut &bytes[..]) {
-                prop_assert_eq!(read(&mut &said(&mark)[..]), Some(mark));
+                let mut said = Vec::new();
+                say(&mark, &mut said).unwrap();
+                prop_assert_eq!(read(&mut &said[..]), Some(mark));
             }
         }
     }
