@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::config::Settings;
 use crate::export::{FlightExport, McapFile, SOLUTION_COLUMNS, SOURCE_COLUMNS, TableFile, TableFormat};
 use crate::files::named;
 use crate::log::{Log, logs_in};
@@ -41,7 +40,7 @@ pub struct ExportArgs {
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(args: &ExportArgs) -> Result<(), Failure> {
+pub fn run(args: &ExportArgs, quiet: bool) -> Result<(), Failure> {
     let settings = args.flight.load()?;
     let files = logs_in(std::slice::from_ref(&args.log), false)?;
     let [file] = &files[..] else {
@@ -49,7 +48,12 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     };
     let log = Log::of(file.clone(), settings.system)?;
     let mut export = outputs(args)?;
-    fly(&log, &settings, args, &mut export)?;
+    let (runner, _) =
+        args.flight.fly(&log, &settings, quiet, |runner, clock, item| export.note(runner, clock, item))?;
+    let outcome = runner.outcome();
+    if let Some(why) = lacking(&outcome.heard, &outcome.imu) {
+        return Err(Failure::Lacking(format!("{}: {why}", log.path().display())));
+    }
     Ok(export.finish()?)
 }
 
@@ -73,14 +77,4 @@ fn outputs(args: &ExportArgs) -> Result<FlightExport, Failure> {
         return Err(Failure::Usage("nothing to write: give --mcap FILE, --csv DIR or --parquet DIR".into()));
     }
     Ok(export)
-}
-
-fn fly(log: &Log, settings: &Settings, args: &ExportArgs, export: &mut FlightExport) -> Result<(), Failure> {
-    let (runner, _) =
-        args.flight.fly(log, settings, false, |runner, clock, item| export.note(runner, clock, item))?;
-    let outcome = runner.outcome();
-    match lacking(&outcome.heard, &outcome.imu) {
-        Some(why) => Err(Failure::Lacking(format!("{}: {why}", log.path().display()))),
-        None => Ok(()),
-    }
 }

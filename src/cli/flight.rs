@@ -1,9 +1,6 @@
 //! How a log is flown again: what the commands that do so have in common.
 
-use std::io::IsTerminal;
-
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::config::Settings;
 use crate::fault::InjectedFault;
@@ -12,6 +9,7 @@ use crate::replay::runner::{self, Runner};
 use crate::sample::Input;
 use crate::wire::clock::AutopilotClock;
 
+use super::progress::{ProgressUnit, bar};
 use super::{ConfigArgs, Failure};
 
 /// A flight as it was, or with GNSS withheld and faults put in.
@@ -54,7 +52,7 @@ impl FlightArgs {
         quiet: bool,
         mut note: impl FnMut(&Runner, &AutopilotClock, &Input),
     ) -> Result<(Runner, LogSummary), Failure> {
-        let bar = progress_bar(log.bytes(), quiet);
+        let bar = bar(ProgressUnit::Bytes, log.bytes(), quiet);
         let flown = runner::run(
             log,
             &settings.pipeline,
@@ -77,12 +75,4 @@ pub fn parse_interval(text: &str) -> Result<(f64, f64), String> {
     let (a, b) = text.split_once("..").ok_or_else(wrong)?;
     let (a, b): (f64, f64) = (a.trim().parse().map_err(|_| wrong())?, b.trim().parse().map_err(|_| wrong())?);
     if a >= 0.0 && a < b && b.is_finite() { Ok((a, b)) } else { Err(wrong()) }
-}
-
-fn progress_bar(bytes: u64, quiet: bool) -> ProgressBar {
-    if quiet || !std::io::stderr().is_terminal() || bytes < 1 << 20 {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{bar:40} {percent}% {bytes}/{total_bytes} {eta}");
-    ProgressBar::new(bytes).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

@@ -1,13 +1,11 @@
 //! The same work on many logs, on some threads, with a bar where somebody watches.
 
-use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::thread;
 
-use indicatif::{ProgressBar, ProgressStyle};
-
 use super::Failure;
+use super::progress::{ProgressUnit, bar};
 
 /// How many threads `asked` for stands for (0: one a core), for so many jobs.
 pub(super) fn threads(asked: usize, jobs: usize) -> usize {
@@ -28,7 +26,7 @@ pub(super) fn as_done<J: Sync, R: Send>(
     work: impl Fn(&J) -> R + Sync,
     mut take: impl FnMut(usize, R) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let bar = bar(jobs.len(), quietly);
+    let bar = bar(ProgressUnit::Jobs, jobs.len() as u64, quietly);
     let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
     let threads = threads(asked, jobs.len());
     // Workers wait for who takes, so that what is done does not pile up.
@@ -78,14 +76,6 @@ pub(super) fn in_parallel<J: Sync, R: Send, E: Send + Into<Failure>>(
         Ok(())
     })?;
     Ok(done.into_iter().flatten().collect())
-}
-
-fn bar(jobs: usize, quietly: bool) -> ProgressBar {
-    if quietly || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {msg} {eta}");
-    ProgressBar::new(jobs as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ mod key;
 mod logs;
 mod markers;
 mod preflight;
+mod progress;
 mod reload;
 mod replay;
 mod report;
@@ -31,8 +32,11 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{ConfigError, Loaded, Settings, Sources};
+use crate::config::{ConfigError, Loaded, LogSettings, LogTo, Origin, Settings, Sources};
+use crate::daemon::lines;
 use crate::log::LogError;
+use crate::time::Span;
+use crate::wire::companion_clock::CompanionClock;
 
 /// Keeps a drone navigating when GNSS drops.
 #[derive(Debug, Parser)]
@@ -41,7 +45,36 @@ struct Cli {
     /// What to do.
     #[command(subcommand)]
     command: Command,
+    /// How much to say.
+    #[command(flatten)]
+    verbosity: Verbosity,
 }
+
+/// How much to say beside the result. What goes wrong is told all the same.
+#[derive(Clone, Copy, Debug, Default, Args)]
+struct Verbosity {
+    /// No progress and no hints; of the daemon, warnings and errors alone
+    #[arg(long, short, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say more on standard error: which settings are in force, which logs are read; of the daemon, what it logs at debug. Twice: everything
+    #[arg(long, short, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+impl Verbosity {
+    /// What the log is to hold, where that is said here.
+    fn directives(self) -> Option<&'static str> {
+        match (self.quiet, self.verbose) {
+            (true, _) => Some("warn"),
+            (false, 0) => None,
+            (false, 1) => Some("holdover=debug,warn"),
+            (false, _) => Some("trace"),
+        }
+    }
+}
+
+/// How long the last lines of a command's log may take.
+const LAST_LINES: Span = Span::from_millis(500);
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong command line or configuration, \
 3 a log cannot be read, 4 a log lacks what is needed, 5 a link cannot be opened, 6 the vehicle is not ready";
@@ -98,6 +131,9 @@ impl ConfigArgs {
     fn load(&self) -> Result<Settings, Failure> {
         let loaded = self.read()?;
         warn(&loaded);
+        for key in loaded.in_force.iter().filter(|key| key.origin != Origin::Default) {
+            tracing::info!("{} = {}, by {}", key.path(), key.value_toml(), key.origin);
+        }
         Ok(loaded.settings)
     }
 
@@ -192,17 +228,18 @@ impl From<csv::Error> for Failure {
 /// # Errors
 /// [`Failure`], which knows its exit code.
 fn run(cli: Cli) -> Result<(), Failure> {
+    let quiet = cli.verbosity.quiet;
     match cli.command {
-        Command::Run(args) => run::run(&args),
-        Command::Init(args) => init::run(&args),
+        Command::Run(args) => run::run(&args, cli.verbosity.directives()),
+        Command::Init(args) => init::run(&args, quiet),
         Command::Preflight(args) => preflight::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Report(args) => report::run(&args),
-        Command::Export(args) => export::run(&args),
-        Command::Evaluate(args) => evaluate::run(&args),
-        Command::Stress(args) => stress::run(&args),
-        Command::Inspect(args) => inspect::run(&args),
-        Command::Simulate(args) => simulate::run(&args),
+        Command::Replay(args) => replay::run(&args, quiet),
+        Command::Report(args) => report::run(&args, quiet),
+        Command::Export(args) => export::run(&args, quiet),
+        Command::Evaluate(args) => evaluate::run(&args, quiet),
+        Command::Stress(args) => stress::run(&args, quiet),
+        Command::Inspect(args) => inspect::run(&args, quiet),
+        Command::Simulate(args) => simulate::run(&args, quiet),
         Command::Check(args) => check::run(&args),
         Command::Key(args) => key::run(&args),
         Command::Completions(args) => {
@@ -213,9 +250,25 @@ fn run(cli: Cli) -> Result<(), Failure> {
     }
 }
 
+/// The log of a command that is to say more. The daemon has one of its own.
+fn told(cli: &Cli) -> Option<lines::LogHandle> {
+    let directives = cli.verbosity.directives()?;
+    if cli.verbosity.verbose == 0 || matches!(cli.command, Command::Run(_)) {
+        return None;
+    }
+    let settings = LogSettings { level: "warn".to_owned(), to: LogTo::Stderr, lines_per_event_per_min: 0 };
+    lines::start(&settings, Some(directives), &CompanionClock::new()).ok()
+}
+
 /// The `holdover` command: reads the command line, does what it says, and tells failures to standard error.
 pub fn main() -> ExitCode {
-    match run(Cli::parse()) {
+    let cli = Cli::parse();
+    let log = told(&cli);
+    let done = run(cli);
+    if let Some(log) = log {
+        log.drain(LAST_LINES);
+    }
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             output::last_words(format!("holdover: {failure}\n"));

@@ -7,7 +7,7 @@ use crate::daemon::lines::LogHandle;
 #[derive(Debug)]
 pub(super) struct Reload {
     in_force: Vec<InForce>,
-    /// The level is given by the environment, which does not change.
+    /// The level is given by the command line or the environment, which do not change.
     level_is_fixed: bool,
 }
 
@@ -30,7 +30,9 @@ impl Reload {
             changes += 1;
             let (path, value) = (is.path(), is.value_toml());
             let changed = match path.as_str() {
-                LEVEL if self.level_is_fixed => Err(format!("is given by {LOG_VARIABLE}")),
+                LEVEL if self.level_is_fixed => {
+                    Err(format!("is given by the command line or {LOG_VARIABLE}"))
+                }
                 LEVEL => handle.set_level(&loaded.settings.log.level).map_err(|e| e.to_string()),
                 LIMIT => {
                     handle.set_limit(loaded.settings.log.lines_per_event_per_min);

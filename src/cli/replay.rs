@@ -125,14 +125,14 @@ pub struct RepairCount {
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
+pub fn run(args: &ReplayArgs, quiet: bool) -> Result<(), Failure> {
     let settings = args.flight.load()?;
     let sheets = RefCell::new(Vec::new());
     let page = args.report.as_deref().map(|page| PageFile::create(page, args.force)).transpose()?;
     let each = args.logs.each(args.json, |file, several| {
         let name = file.path().file_name().filter(|_| several).unwrap_or_default();
         let out = args.out.as_ref().map(|out| out.join(name));
-        sheets.borrow_mut().extend(one(args, file, out.as_deref(), &settings)?);
+        sheets.borrow_mut().extend(one(args, file, out.as_deref(), &settings, quiet)?);
         Ok(())
     });
     if let Some(page) = page {
@@ -147,13 +147,14 @@ fn one(
     file: &LogFile,
     out: Option<&Path>,
     settings: &Settings,
+    quiet: bool,
 ) -> Result<Option<FlightSheet>, Failure> {
     let log = Log::of(file.clone(), settings.system)?;
     let mut csv = out.map(|dir| SolutionCsv::create(dir, Overwrite::forced(args.force))).transpose()?;
     let mut recorder = args.report.as_ref().map(|_| FlightRecorder::new());
     let clock = CompanionClock::new();
     let begun = clock.now();
-    let (runner, summary) = args.flight.fly(&log, settings, args.json, |runner, _, item| {
+    let (runner, summary) = args.flight.fly(&log, settings, quiet || args.json, |runner, _, item| {
         if let Some(csv) = &mut csv {
             csv.note(runner, item);
         }

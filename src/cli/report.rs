@@ -71,12 +71,12 @@ impl PageFile {
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(args: &ReportArgs) -> Result<(), Failure> {
+pub fn run(args: &ReportArgs, quiet: bool) -> Result<(), Failure> {
     let settings = args.flight.load()?;
     let page = PageFile::create(&args.out, args.force)?;
     let (mut flights, mut failed) = (Vec::new(), None);
     for file in args.logs.find()? {
-        match one(args, &file, &settings) {
+        match one(args, &file, &settings, quiet) {
             Ok(flight) => flights.push(flight),
             Err(failure) => {
                 if let Some(before) = failed.replace(failure) {
@@ -99,11 +99,11 @@ pub fn run(args: &ReportArgs) -> Result<(), Failure> {
 }
 
 /// Plays one log.
-fn one(args: &ReportArgs, file: &LogFile, settings: &Settings) -> Result<FlightSheet, Failure> {
+fn one(args: &ReportArgs, file: &LogFile, settings: &Settings, quiet: bool) -> Result<FlightSheet, Failure> {
     let log = Log::of(file.clone(), settings.system)?;
     let mut recorder = FlightRecorder::new();
     let (runner, summary) =
-        args.flight.fly(&log, settings, false, |runner, _, item| recorder.note(runner, item))?;
+        args.flight.fly(&log, settings, quiet, |runner, _, item| recorder.note(runner, item))?;
     Ok(sheet(&log, &runner, &summary, recorder, &args.flight.fault, settings.pipeline.navigator.estimator))
 }
 

@@ -53,11 +53,12 @@ pub struct RunArgs {
     pub settings: ConfigArgs,
 }
 
-/// Runs the command until SIGINT or SIGTERM.
+/// Runs the command until SIGINT or SIGTERM. `told` is what its log is to hold, where the command line says so: before the environment, and
+/// before the configuration.
 ///
 /// # Errors
 /// [`Failure::Config`], [`Failure::Usage`], and [`Failure::Link`] when a link cannot be opened.
-pub fn run(args: &RunArgs) -> Result<(), Failure> {
+pub fn run(args: &RunArgs, told: Option<&str>) -> Result<(), Failure> {
     let loaded = read(args)?;
     warn(&loaded);
     if args.dry_run {
@@ -68,6 +69,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     }
     let clock = CompanionClock::new();
     let directives = std::env::var(LOG_VARIABLE).ok().filter(|v| !v.is_empty());
+    let directives = told.map(str::to_owned).or(directives);
     let log = lines::start(&loaded.settings.log, directives.as_deref(), &clock).map_err(|e| match e {
         LinesError::Directives(e) => Failure::Usage(format!("{LOG_VARIABLE}: {e}")),
         e => Failure::Other(e.to_string()),

@@ -1,11 +1,10 @@
 //! `holdover simulate`: the log of a simulated flight, with the truth in it, as an autopilot's telemetry would have it; or, live, the
 //! autopilot itself ([`super::autopilot`]).
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
 use crate::fault::{InjectedFault, Injector};
@@ -25,6 +24,7 @@ use super::Failure;
 use super::autopilot::{self, AutopilotArgs};
 use super::flight::parse_interval;
 use super::markers::{CAMERA, MarkerArgs, sighting, to_toml};
+use super::progress::{ProgressUnit, bar};
 
 /// Grades of IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -134,17 +134,17 @@ fn parse_wind(text: &str) -> Result<(f64, f64), String> {
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
+pub fn run(args: &SimulateArgs, quiet: bool) -> Result<(), Failure> {
     if let Some(dialect) = args.double.autopilot {
         return autopilot::run(args, dialect);
     }
     let (Some(name), Some(out)) = (&args.scenario, &args.out) else {
         return Err(Failure::Usage("a scenario and --out are needed, or --autopilot".into()));
     };
-    write_log(args, name, out)
+    write_log(args, name, out, quiet)
 }
 
-fn write_log(args: &SimulateArgs, name: &str, out: &Path) -> Result<(), Failure> {
+fn write_log(args: &SimulateArgs, name: &str, out: &Path, quiet: bool) -> Result<(), Failure> {
     let (scenario, suite) = plan(args, name)?;
     let summary = scenario.summary();
     let (duration_s, outage) = (scenario.duration_s, scenario.outage_s);
@@ -157,7 +157,7 @@ fn write_log(args: &SimulateArgs, name: &str, out: &Path) -> Result<(), Failure>
     let sink = OutputFile::create(out, overwrite, READABLE)?;
     let mut recorder = Recorder::new(Simulation::new(scenario, suite, args.seed), watch, args.dialect, sink);
     recorder.faults = Injector::new(args.fault.clone(), args.seed);
-    let bar = progress_bar(duration_s);
+    let bar = bar(ProgressUnit::Seconds, duration_s as u64, quiet);
     while let Some(t_s) = recorder.step()? {
         bar.set_position(t_s as u64);
     }
@@ -218,14 +218,6 @@ fn plan(args: &SimulateArgs, name: &str) -> Result<(Scenario, SensorSuite), Fail
         suite.flow = None;
     }
     Ok((scenario, suite))
-}
-
-fn progress_bar(duration_s: f64) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{bar:40} {percent}% {pos} of {len} s flown, {eta} left");
-    ProgressBar::new(duration_s as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 /// Writes a flight as its autopilot would have sent it.

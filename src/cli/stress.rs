@@ -84,7 +84,7 @@ struct FaultSummary {
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(args: &StressArgs) -> Result<(), Failure> {
+pub fn run(args: &StressArgs, quiet: bool) -> Result<(), Failure> {
     if !(args.length.is_finite() && args.length > 0.0) {
         return Err(Failure::Usage(format!("--length: {} is not a length in seconds", args.length)));
     }
@@ -95,8 +95,9 @@ pub fn run(args: &StressArgs) -> Result<(), Failure> {
     let logs = args.logs.find()?;
     let loaded = args.settings.read()?;
     warn(&loaded);
-    let reports =
-        jobs::in_parallel(&logs, args.jobs, args.json, |log| one(log, &loaded.settings, &cases, args))?;
+    let reports = jobs::in_parallel(&logs, args.jobs, quiet || args.json, |log| {
+        one(log, &loaded.settings, &cases, args)
+    })?;
     let rows: Vec<&StressRow> = reports.iter().flat_map(|r| &r.rows).collect();
     let table: Vec<FaultSummary> = cases.iter().filter_map(|case| summary(&case.name, &rows)).collect();
     if args.json {

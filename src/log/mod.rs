@@ -151,6 +151,8 @@ impl Log {
             LogFormat::Ulog => ulog::vehicle(bytes).map_err(io_error)?.ok_or_else(no_message)?,
             LogFormat::DataFlash => dataflash::vehicle(bytes).map_err(io_error)?.ok_or_else(no_message)?,
         };
+        let (path, label) = (path.display(), format.label());
+        tracing::info!("{path}: {label}, {len} bytes, {} of system {}", vehicle.autopilot, vehicle.system.0);
         Ok(Self { bytes: len, format, vehicle, file })
     }
 

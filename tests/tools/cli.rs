@@ -437,6 +437,23 @@ fn evaluate_prints_one_row_an_outage() {
 }
 
 #[test]
+fn who_wants_more_is_told_more_and_who_wants_quiet_has_quiet() {
+    let log = sitl_log(COPTER);
+    let log = log.to_str().unwrap();
+    let inspect =
+        |more: &[&str]| holdover(&[&["inspect", log, "--set", "holdover.max_sigma_m=31.0"], more].concat());
+    let (plain, more, quiet) = (inspect(&[]), inspect(&["-v"]), inspect(&["-q"]));
+    assert_eq!((plain.code, &plain.err[..], &quiet.err[..]), (Some(0), "", ""));
+    assert!(more.out == plain.out && quiet.out == plain.out);
+    assert!(more.err.contains("holdover.max_sigma_m = 31.0, by --set"), "{}", more.err);
+    assert!(more.err.contains("MAVLink tlog") && more.err.contains("ArduPilot of system 1"), "{}", more.err);
+    // What goes wrong is told whoever wants quiet; and nobody can have both.
+    let wrong = holdover(&["-q", "inspect", "/no/such.tlog"]);
+    assert!(wrong.code == Some(3) && wrong.err.contains("/no/such.tlog"), "{}", wrong.err);
+    assert_eq!(inspect(&["-q", "-v"]).code, Some(2));
+}
+
+#[test]
 fn a_reader_that_has_seen_enough_is_no_panic() {
     let log = sitl_log(COPTER);
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_holdover"))

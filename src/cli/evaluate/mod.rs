@@ -86,7 +86,7 @@ pub struct FleetArgs {
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
+pub fn run(args: &EvaluateArgs, quiet: bool) -> Result<(), Failure> {
     let peers = PeerResults::read(&args.peer)?;
     if let Some(folder) = &args.fleet.merge {
         return shards::merge(folder, args, &peers);
@@ -103,7 +103,7 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         return Err(Failure::Usage("--report: a shard is no fleet; give it with --merge".into()));
     }
     if let Some(folder) = &args.fleet.out {
-        return shards::work(folder, args, &question, &recipe, &logs);
+        return shards::work(folder, args, quiet, (&question, &recipe), &logs);
     }
     let mut report = Report::new(args, &args.lengths, &peers)?;
     let mut waiting = BTreeMap::new();
@@ -113,7 +113,7 @@ pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     jobs::as_done(
         &places,
         args.jobs,
-        args.json,
+        quiet | args.json,
         |&i| question.ask(i as u64, &logs[i], String::new(), inner),
         |i, outcome| {
             waiting.insert(i, outcome);

@@ -56,8 +56,8 @@ enum Done {
 pub(super) fn work(
     folder: &Path,
     args: &EvaluateArgs,
-    question: &Question,
-    recipe: &Recipe,
+    quiet: bool,
+    (question, recipe): (&Question, &Recipe),
     logs: &[LogFile],
 ) -> Result<(), Failure> {
     let text = args.fleet.shard.as_deref();
@@ -75,7 +75,7 @@ pub(super) fn work(
     jobs::as_done(
         &mine,
         args.jobs,
-        args.json,
+        quiet | args.json,
         |job| match job.file.identity() {
             Ok(identity) if known.get(&job.name) == Some(&identity) => Done::Before,
             Ok(identity) => Done::Now(question.ask(job.index, job.file, identity, threads)),

@@ -79,7 +79,7 @@ impl fmt::Display for LookedAt {
 ///
 /// # Errors
 /// [`Failure::Link`] where nothing speaks, [`Failure::Usage`] where several do and nobody says which.
-pub(super) async fn choose(args: &InitArgs) -> Result<Chosen, Failure> {
+pub(super) async fn choose(args: &InitArgs, quiet: bool) -> Result<Chosen, Failure> {
     if !args.endpoint.is_empty() {
         return named(&args.endpoint).await;
     }
@@ -89,7 +89,7 @@ pub(super) async fn choose(args: &InitArgs) -> Result<Chosen, Failure> {
     } else {
         (args.port.clone(), args.device.clone())
     };
-    if !args.json {
+    if !quiet {
         errln!("holdover: looking at {} serial ports and {} UDP ports", devices.len(), ports.len());
     }
     let (udp, serial) = tokio::join!(

@@ -98,17 +98,17 @@ struct InitFindings {
 ///
 /// # Errors
 /// [`Failure::Usage`] for what is in the file's place, and where it has to be said which of several is meant; [`Failure::Link`] where nothing is heard.
-pub fn run(args: &InitArgs) -> Result<(), Failure> {
+pub fn run(args: &InitArgs, quiet: bool) -> Result<(), Failure> {
     // What is in the way is told before somebody waits.
     let mut out = OutputFile::create(&args.out, Overwrite::forced(args.force), READABLE)?;
     let mut draft = Draft::default();
     args.set.iter().for_each(|assignment| draft.set_as_told(assignment));
     draft.loaded().map_err(Failure::Config)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let chosen = runtime.block_on(look::choose(args))?;
+    let chosen = runtime.block_on(look::choose(args, quiet || args.json))?;
     fitting::links(&mut draft, &chosen.endpoints, &chosen.why, places::is_usb);
     fitting::sensor_links(&mut draft, &chosen.sensor_endpoints);
-    let mut found = runtime.block_on(listen(args, chosen, draft))?;
+    let mut found = runtime.block_on(listen(args, chosen, draft, quiet || args.json))?;
     // A name that is still being resolved is not waited for.
     runtime.shutdown_background();
     fitting::vehicle(&mut found.draft, &found.survey, &found.report);
@@ -124,8 +124,13 @@ pub fn run(args: &InitArgs) -> Result<(), Failure> {
 }
 
 /// Listens until an autopilot was heard for long enough; of several, whoever is there is asked which.
-async fn listen(args: &InitArgs, chosen: Chosen, mut draft: Draft) -> Result<InitFindings, Failure> {
-    if !args.json {
+async fn listen(
+    args: &InitArgs,
+    chosen: Chosen,
+    mut draft: Draft,
+    quiet: bool,
+) -> Result<InitFindings, Failure> {
+    if !quiet {
         let at: Vec<String> = chosen.endpoints.iter().map(ToString::to_string).collect();
         errln!("holdover: listening at {} for {} s and more", at.join(", "), args.listen_s);
     }

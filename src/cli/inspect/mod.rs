@@ -25,6 +25,7 @@ use sensors::{SensorReport, Sensors};
 use vibration::{LoggedImu, VibrationReport};
 
 use super::logs::LogArgs;
+use super::progress::{ProgressUnit, bar};
 use super::table::Table;
 use super::{ConfigArgs, Failure};
 
@@ -262,19 +263,22 @@ fn report(
 ///
 /// # Errors
 /// [`Failure`].
-pub fn run(args: &InspectArgs) -> Result<(), Failure> {
+pub fn run(args: &InspectArgs, quiet: bool) -> Result<(), Failure> {
     let settings = args.settings.load()?;
-    args.logs.each(args.json, |file, _| one(file, &settings, args.json))
+    let quiet = quiet || args.json;
+    args.logs.each(args.json, |file, _| one(file, &settings, args.json, quiet))
 }
 
-fn one(file: &LogFile, settings: &Settings, json: bool) -> Result<(), Failure> {
+fn one(file: &LogFile, settings: &Settings, json: bool, quiet: bool) -> Result<(), Failure> {
     let log = Log::of(file.clone(), settings.system)?;
     let mut contents = Contents::default();
     let mut messages = MessageCounts::new();
     let mut runner = Runner::new(&settings.pipeline, &[]);
     runner.pipeline.follow(log.vehicle());
+    let bar = bar(ProgressUnit::Bytes, log.bytes(), quiet);
     let summary = log.play(
-        |entry, _| {
+        |entry, position| {
+            bar.set_position(position);
             let sender = (entry.system, entry.component, entry.id);
             messages.entry(sender).or_insert_with(|| (name_of(entry), 0)).1 += 1;
         },
@@ -286,6 +290,7 @@ fn one(file: &LogFile, settings: &Settings, json: bool) -> Result<(), Failure> {
             }
         },
     )?;
+    bar.finish_and_clear();
     let mut report =
         report(&log, &summary, &contents, messages, settings.pipeline.navigator.landmarks.as_deref());
     if report.lacks.is_none() {

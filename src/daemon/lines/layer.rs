@@ -1,5 +1,6 @@
 //! From `tracing`'s events to lines.
 
+use std::ffi::OsString;
 use std::fmt::{self, Write as _};
 use std::fs::File;
 use std::io::{self, IsTerminal};
@@ -82,8 +83,16 @@ fn sink(to: LogTo) -> Result<Sink, LinesError> {
     };
     Ok(match journal {
         Some(journal) => Sink::Journal(journal),
-        None => Sink::Stream { colours: stream.is_terminal(), to: Box::new(stream) },
+        None => Sink::Stream {
+            colours: stream.is_terminal() && !plain(std::env::var_os("NO_COLOR")),
+            to: Box::new(stream),
+        },
     })
+}
+
+/// Whether somebody wants no colours: <https://no-color.org>.
+fn plain(no_color: Option<OsString>) -> bool {
+    no_color.is_some_and(|value| !value.is_empty())
 }
 
 impl LogHandle {
@@ -162,5 +171,16 @@ impl Visit for LineWords {
 
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
         self.add(field, format_args!("{value:?}"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_wants_no_colours_has_none() {
+        let said = |text: &str| plain(Some(text.into()));
+        assert_eq!((plain(None), said(""), said("1"), said("0")), (false, false, true, true));
     }
 }
