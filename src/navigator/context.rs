@@ -6,6 +6,7 @@ use crate::time::AutopilotTime;
 
 use super::core::Core;
 use super::sources::takeoff::Ground;
+use crate::navigator::tuning::vehicle::IN_AIR_M;
 
 /// What the sources know, for each other and for the estimator.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +53,21 @@ impl Context<'_> {
     /// The newest IMU stamp.
     pub(super) fn now(&self) -> Option<AutopilotTime> {
         self.core.stream.newest()
+    }
+
+    /// Whether the vehicle is off the ground, beyond doubt.
+    pub(super) fn in_air(&self) -> bool {
+        !self.on_ground() && self.above_ground_m().is_some()
+    }
+
+    /// Whether it stands on the ground, or may.
+    pub(super) fn on_ground(&self) -> bool {
+        let low = self.above_ground_m().is_some_and(|m| m < IN_AIR_M);
+        low || self.facts.resting || self.core.vehicle.disarmed()
+    }
+
+    fn above_ground_m(&self) -> Option<f64> {
+        self.core.height.height_m().zip(self.facts.ground).map(|(height, ground)| height - ground.height_m)
     }
 
     /// Whether a sample of this time comes too late for the present.

@@ -6,10 +6,11 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::Channel;
 use crate::geo::STANDARD_GRAVITY_MPS2;
+use crate::sample::MagSample;
 use crate::time::AutopilotTime;
 
 use super::Mode;
@@ -81,8 +82,27 @@ pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &Heig
         return core.witnesses.barometer.forget();
     }
     core.witnesses.barometer.observe(now, reading.height_m);
-    if knows_tilt(core, LEAST_MPS2) && core.witnesses.barometer.testimony(now) == Testimony::Contradicts {
+    if let Some(found) = core.witnesses.barometer.finding(now)
+        && knows_tilt(core, LEAST_MPS2)
+    {
         lose(core, now);
+        // What is missing of gravity upwards is there sidewards: sin² θ = 1 − (1 − a/g)², and nobody knows for how long it grew.
+        let missing = (found.apart / STANDARD_GRAVITY_MPS2).min(1.0);
+        let sideways = STANDARD_GRAVITY_MPS2 * (missing * (2.0 - missing)).sqrt();
+        core.estimator.doubt_motion(0.5 * sideways * found.for_s.powi(2), sideways * found.for_s);
+    }
+}
+
+/// A magnetic field, body, T, that has the strength of the place.
+pub(super) fn hear_field(core: &mut Core, s: &MagSample) {
+    if core.witnesses.inertia.is_out() || core.mode == Mode::Aligning || core.estimator.is_settling() {
+        return core.witnesses.field.forget();
+    }
+    let bias = core.estimator.filter_state().map_or(Vector3::zeros(), |state| state.magnetic_bias);
+    let timeline = &core.timeline;
+    let turned = |since| Some(timeline.mean_rate(since, s.time)? * s.time.seconds_since(since));
+    if core.witnesses.field.observe(s.time, &(s.field.raw() - bias), turned) {
+        lose(core, s.time);
     }
 }
 

@@ -34,6 +34,9 @@ impl Navigator {
     }
 
     pub(super) fn magnetometer(&mut self, s: &MagSample) -> Verdict {
+        if s.field.raw().norm().is_normal() && self.sources.magnetometer.contradicted().is_none() {
+            inertia::hear_field(&mut self.core, s);
+        }
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let source = SourceId { kind: SourceKind::Magnetometer, id: s.sensor };
         let observed = self.sources.magnetometer.observe(s, &context);
@@ -242,8 +245,10 @@ impl Navigator {
         let core = &mut self.core;
         let (wander, unexplained) = (core.integrity.wander(), &mut core.witnesses.unexplained);
         unexplained.wanders(now, &wander.gap_ne, wander.beyond_m, reading.claimed_m);
-        let led_ne = self.sources.gnss.steps.may_have_led(reading.measured);
-        unexplained.wanders(now, &led_ne, led_ne.norm(), reading.claimed_m);
+        let gnss = &self.sources.gnss;
+        for led_ne in [gnss.steps.may_have_led(reading.measured), gnss.witness.may_have_led()] {
+            unexplained.wanders(now, &led_ne, led_ne.norm(), reading.claimed_m);
+        }
         // A receiver that comes back at another height is not where it says.
         let height_m = -reading.position_ned.z;
         let gate = core.settings.gnss.trust.gate_sigma;

@@ -15,9 +15,9 @@ use crate::time::AutopilotTime;
 use super::flow_travel::FlowPlace;
 use super::usual::UsualSpread;
 use crate::navigator::tuning::gnss_by_flow::{
-    BLOCK_S, BLOCKS, CHANGED, CLEAR_OF, DECADES, DOUBT_DECADES, FIRM, FIX_HOLE_S, JUMP_M, LEAST_MPS,
-    LEAST_PART, LEAST_SIGMA_MPS, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_GAIN, ONSETS, RESTORED, RIVAL, SPREAD,
-    START_SIGMA_MPS, WALK_SIGMA_MPS, WANDER, WINDOWS,
+    BLOCK_S, BLOCKS, CHANGED, CLEAR_OF, DECADES, DOUBT_DECADES, FIRM, FIX_HOLE_S, GRAVE_DECADES, JUMP_M,
+    LEAST_MPS, LEAST_PART, LEAST_SIGMA_MPS, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_GAIN, ONSETS, RESTORED,
+    RIVAL, SPREAD, START_SIGMA_MPS, WALK_SIGMA_MPS, WANDER, WINDOWS,
 };
 
 /// What blocks can cover, s; and a walk shows in two of the shorter windows if it does, s.
@@ -70,6 +70,18 @@ struct WitnessWindow {
     pending: Option<f64>,
 }
 
+/// How much a finding weighs.
+#[derive(Clone, Copy, Debug)]
+struct WalkWeight {
+    /// By how much it exceeds what is usual; 0 where it does not point at the receiver.
+    over: f64,
+    /// It gives rise to doubt; and to so much of it that what the receiver may have led by is claimed.
+    doubtful: bool,
+    grave: bool,
+    /// It shows nothing.
+    quiet: bool,
+}
+
 /// What a window shows.
 #[derive(Clone, Copy, Debug)]
 struct WalkFinding {
@@ -95,6 +107,8 @@ pub(in super::super) struct GnssByFlow {
     /// Variance of a block on an axis, from differences of successive ones, m²/s².
     variance: f64,
     doubted: bool,
+    /// How far it may have led, NE, m, while that is grave and not beyond doubt.
+    may_have_led: Vector2<f64>,
     walk: Option<ReceiverWalk>,
     /// It has jumped since the walk was found.
     jumped: bool,
@@ -110,6 +124,7 @@ impl GnssByFlow {
             windows: [window; WINDOWS.len()],
             variance: START_SIGMA_MPS * START_SIGMA_MPS,
             doubted: false,
+            may_have_led: Vector2::zeros(),
             walk: None,
             jumped: false,
         }
@@ -118,6 +133,11 @@ impl GnssByFlow {
     /// A walk that is held against the receiver. It stands until the last seconds show none.
     pub(in super::super) fn walk(&self) -> Option<&ReceiverWalk> {
         self.walk.as_ref()
+    }
+
+    /// How far the receiver has led away by now, if what is not beyond doubt is a walk, NE, m.
+    pub(in super::super) fn may_have_led(&self) -> Vector2<f64> {
+        self.may_have_led
     }
 
     /// Whether a walk begins to show: nothing is to be learned from GNSS.
@@ -139,6 +159,7 @@ impl GnssByFlow {
         (self.last, self.open) = (None, WitnessBlock::default());
         self.blocks.clear();
         self.doubted = false;
+        self.may_have_led = Vector2::zeros();
         for window in &mut self.windows {
             (window.due, window.pending) = (0, None);
         }
@@ -208,28 +229,33 @@ impl GnssByFlow {
     fn judge(&mut self, known: &Matrix4<f64>) {
         let findings = self.findings(known);
         self.doubted = false;
+        self.may_have_led = Vector2::zeros();
         let mut worst: Option<(f64, usize, WalkFinding)> = None;
         // A lie that has ended with a jump back is over sooner.
         let last = if self.jumped { 1 } else { 2 };
         let mut restored = true;
         for (k, finding) in findings.iter().enumerate() {
             let Some(f) = finding else { continue };
-            let (over, doubtful, quiet) = self.weigh(k, f);
-            self.doubted |= doubtful;
-            restored &= k > last || quiet;
-            if over > 1.0 && worst.is_none_or(|(most, ..)| over > most) {
-                worst = Some((over, k, *f));
+            let weight = self.weigh(k, f);
+            self.doubted |= weight.doubtful;
+            restored &= k > last || weight.quiet;
+            let (walked_ne, before_m) = self.led(k, f);
+            let may_have_led = walked_ne + f.walk_ne.try_normalize(1e-9).unwrap_or_default() * before_m;
+            if weight.grave && may_have_led.norm() > self.may_have_led.norm() {
+                self.may_have_led = may_have_led;
+            }
+            if weight.over > 1.0 && worst.is_none_or(|(most, ..)| weight.over > most) {
+                worst = Some((weight.over, k, *f));
             }
         }
         if let Some((_, k, f)) = worst {
-            let seconds: f64 = self.newest(WINDOWS[k]).map(|b| b.seconds).sum();
             if self.walk.is_none() {
                 self.jumped = false;
             }
-            let walked_ne = f.walk_ne * seconds;
+            let (walked_ne, before_m) = self.led(k, &f);
             // What is usual would be taken for a walk of this part of it.
             let part = (2.0 * self.windows[k].usual.variance().max(1.0) / f.by_walk).sqrt();
-            let spread_m = walked_ne.norm() * part;
+            let spread_m = (walked_ne.norm() * part).hypot(before_m);
             let found = ReceiverWalk { velocity_ne: f.walk_ne, walked_ne, spread_m };
             self.walk.get_or_insert(found);
         } else if self.walk.is_some() && restored && findings[last].is_some() {
@@ -238,9 +264,20 @@ impl GnssByFlow {
         self.learn(&findings);
     }
 
-    /// By how much a finding exceeds what is usual, 0 where it does not point at the receiver; whether it gives rise to doubt; and whether
-    /// it shows nothing.
-    fn weigh(&self, k: usize, f: &WalkFinding) -> (f64, bool, bool) {
+    /// How far a finding's walk has led within its window, NE, m; and the most that the two had parted that way before, m: nobody knows whether
+    /// the walk is older than what shows it best.
+    fn led(&self, k: usize, f: &WalkFinding) -> (Vector2<f64>, f64) {
+        let seconds: f64 = self.newest(WINDOWS[k]).map(|b| b.seconds).sum();
+        let along = f.walk_ne.try_normalize(1e-9).unwrap_or_default();
+        let (mut parted_m, mut before_m) = (0.0, 0.0f64);
+        for block in self.newest(BLOCKS).skip(WINDOWS[k]) {
+            parted_m += block.gap_ne.dot(&along);
+            before_m = before_m.max(parted_m);
+        }
+        (f.walk_ne * seconds, before_m)
+    }
+
+    fn weigh(&self, k: usize, f: &WalkFinding) -> WalkWeight {
         let usual = self.windows[k].usual;
         // Less than normal noise is no measure.
         let unit = 2.0 * usual.variance().max(1.0);
@@ -250,9 +287,12 @@ impl GnssByFlow {
             && f.walk_ne.norm()
                 > LEAST_MPS.max(LEAST_WALK_M / WINDOWS[k] as f64).max(LEAST_PART * f.speed_mps)
             && 2.0 * f.left < f.by_walk;
-        let over = if points_at_gnss { f.by_walk / limit(DECADES) } else { 0.0 };
-        let quiet = f.by_walk < RESTORED * unit || f.walk_ne.norm() < LEAST_MPS;
-        (over, points_at_gnss && f.by_walk > limit(DOUBT_DECADES), quiet)
+        WalkWeight {
+            over: if points_at_gnss { f.by_walk / limit(DECADES) } else { 0.0 },
+            doubtful: points_at_gnss && f.by_walk > limit(DOUBT_DECADES),
+            grave: points_at_gnss && f.by_walk > limit(GRAVE_DECADES),
+            quiet: f.by_walk < RESTORED * unit || f.walk_ne.norm() < LEAST_MPS,
+        }
     }
 
     /// What is usual, from whole windows, one later: not while a walk begins to show.

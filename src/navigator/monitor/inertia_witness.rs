@@ -1,17 +1,15 @@
-//! What the vehicle was seen to accelerate by, against what its inertia tells: the witnesses of the IMU.
+//! What the vehicle was seen to accelerate by, against what its inertia tells: the witness of the IMU whose velocities are horizontal (for the other see
+//! [`super::vertical_witness`]).
 //!
-//! **Horizontal.** Over a window from one velocity to another a witness (GNSS) tells Δv_W and the accelerometers, turned to NED, Δv_I. A tilt that
+//! Over a window from one velocity to another a witness (GNSS) tells Δv_W and the accelerometers, turned to NED, Δv_I. A tilt that
 //! is off by φ makes them differ by g sin φ Δt, an accelerometer of the wrong sign by twice what it should tell. A heading that is off does, too, but then a turn
 //! makes them fit, and it is somebody else's business: what is left is
 //! Σ|Δv_W|² + Σ|Δv_I|² − 2 |Σ conj(Δv_I) Δv_W| (as complex numbers).
 //!
-//! **Vertical.** h(t + T) − 2 h(t) + h(t − T) = T² times the acceleration over 2 T, with triangular weight, both of a barometer and of the double integral
-//! of what inertia tells.
-//!
 //! What a witness is apart from a sound IMU, differs by a factor of ten from flight to flight (its noise, its latency, air, vibration), and is learned: its
 //! running mean m. A window contradicts when it is apart by more than five times that, more than the motion in it can explain, and more than [`LEAST_MPS2`].
-//! One window proves nothing: receivers jump, and gusts push barometers. Inertia is wrong when [`MOST_OF`] of the last [`WINDOWS`] windows contradict it, all
-//! upwards or all downwards in the vertical: a receiver or a barometer that did so would have to run away.
+//! One window proves nothing: receivers jump. Inertia is wrong when [`MOST_OF`] of the last [`WINDOWS`] windows contradict it: a receiver that did so would have
+//! to run away.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -60,11 +58,12 @@ pub(in super::super) enum Testimony {
     Turned(Turn),
 }
 
-fn weigh(windows: usize, apart: usize) -> Testimony {
+/// What `apart` of so many windows say that contradict, where there have to be `least` and `most_of` of them.
+pub(super) fn weigh(windows: usize, apart: usize, (least, most_of): (usize, usize)) -> Testimony {
     match apart {
-        _ if windows < WINDOWS => Testimony::Nothing,
+        _ if windows < least => Testimony::Nothing,
         0 => Testimony::Agrees,
-        n if n < MOST_OF => Testimony::Doubts,
+        n if n < most_of => Testimony::Doubts,
         _ => Testimony::Contradicts,
     }
 }
@@ -80,13 +79,13 @@ pub(in super::super) struct SeenMotion {
 
 /// What a witness is apart from a sound IMU, in the mean, m/s².
 #[derive(Clone, Copy, Debug, Default)]
-struct UsualMisfit {
+pub(super) struct UsualMisfit {
     mean: f64,
     windows: u32,
 }
 
 impl UsualMisfit {
-    fn learn(&mut self, apart: f64) {
+    pub(super) fn learn(&mut self, apart: f64) {
         // What contradicts is not usual; if it goes on for minutes, it is.
         let gain = if apart > self.limit() { UNUSUAL_GAIN } else { USUAL_GAIN };
         self.windows = self.windows.saturating_add(1);
@@ -94,7 +93,7 @@ impl UsualMisfit {
     }
 
     /// Beyond this a window contradicts, m/s².
-    fn limit(&self) -> f64 {
+    pub(super) fn limit(&self) -> f64 {
         if self.windows < USUAL_WINDOWS { UNKNOWN_MPS2 } else { (TIMES_USUAL * self.mean).max(LEAST_MPS2) }
     }
 }
@@ -164,7 +163,7 @@ impl HorizontalWitness {
         }
         let limit = self.usual.limit();
         let apart = fresh().filter(|w| w.contradicts(limit)).count();
-        let said = weigh(fresh().count(), apart);
+        let said = weigh(fresh().count(), apart, (WINDOWS, MOST_OF));
         if said != Testimony::Contradicts {
             return said;
         }
@@ -182,73 +181,6 @@ impl HorizontalWitness {
         }
         let sigma = (left / (2.0 * WINDOWS as f64 - 1.0) / felt).sqrt();
         Testimony::Turned(Turn { angle: cross.atan2(dot), sigma })
-    }
-}
-
-/// Heights seen by one barometer, and the double integral of what inertia tells.
-#[derive(Clone, Copy, Debug, Default)]
-pub(in super::super) struct VerticalWitness {
-    climb_mps: f64,
-    rise_m: f64,
-    /// Time, height seen, rise felt: the two before the one that comes.
-    past: [Option<(AutopilotTime, f64, f64)>; 2],
-    /// How much more was seen than felt, m/s², and when.
-    apart: [Option<(AutopilotTime, f64)>; WINDOWS],
-    next: usize,
-    usual: UsualMisfit,
-}
-
-impl VerticalWitness {
-    /// Inertia, m/s² upwards, over `dt` s.
-    pub(in super::super) fn feel(&mut self, dt: f64, accel_up: f64) {
-        self.rise_m += (self.climb_mps + 0.5 * accel_up * dt) * dt;
-        self.climb_mps += accel_up * dt;
-    }
-
-    /// A height, m.
-    pub(in super::super) fn observe(&mut self, time: AutopilotTime, height_m: f64) {
-        let [before, last] = self.past;
-        let Some((t1, h1, r1)) = last else {
-            self.past = [None, Some((time, height_m, self.rise_m))];
-            return;
-        };
-        let step = time.seconds_since(t1);
-        if (0.0..SHORTEST_S).contains(&step) {
-            return;
-        }
-        if let Some((t0, h0, r0)) = before.filter(|_| step < LONGEST_S) {
-            let earlier = t1.seconds_since(t0);
-            let bend = |a: f64, b: f64, c: f64| 2.0 * ((c - b) / step - (b - a) / earlier) / (step + earlier);
-            let seen = bend(h0, h1, height_m);
-            if seen == 0.0 {
-                // It stands still to the last digit, and sees nothing.
-                return self.forget();
-            }
-            let apart = seen - bend(r0, r1, self.rise_m);
-            self.usual.learn(apart.abs());
-            self.apart[self.next] = Some((time, apart));
-            self.next = (self.next + 1) % WINDOWS;
-        }
-        // Only differences matter: what is integrated does not grow without bounds.
-        let (rise, climb) = (self.rise_m, self.climb_mps);
-        (self.rise_m, self.climb_mps) = (0.0, 0.0);
-        let moved = |(t, h, r): (AutopilotTime, f64, f64)| (t, h, r - rise - climb * t.seconds_since(time));
-        self.past = [last.map(moved), Some((time, height_m, 0.0))];
-    }
-
-    /// What it says at `now`.
-    pub(in super::super) fn testimony(&self, now: AutopilotTime) -> Testimony {
-        let fresh =
-            || self.apart.iter().flatten().filter(|(t, _)| (0.0..MEMORY_S).contains(&now.seconds_since(*t)));
-        let limit = self.usual.limit();
-        let up = fresh().filter(|(_, a)| *a > limit).count();
-        let down = fresh().filter(|(_, a)| *a < -limit).count();
-        weigh(fresh().count(), up.max(down))
-    }
-
-    /// Inertia was not integrated for a while; what is usual is usual still.
-    pub(in super::super) fn forget(&mut self) {
-        *self = Self { usual: self.usual, ..Self::default() };
     }
 }
 
@@ -288,27 +220,5 @@ mod tests {
         let wild = |t: f64| velocity(t) + Vector2::new(25.0 * (5.0 * t).sin(), 0.0);
         assert_ne!(horizontal(velocity, wild), Testimony::Contradicts, "a receiver that is lost");
         assert_eq!(horizontal(tilted, |_| Vector2::zeros()), Testimony::Nothing, "frozen");
-    }
-
-    fn vertical(felt: impl Fn(f64) -> f64, seen: impl Fn(f64) -> f64) -> Testimony {
-        let mut w = VerticalWitness::default();
-        for k in 0..1500 {
-            let t = f64::from(k) * 0.01;
-            w.feel(0.01, felt(t));
-            if k % 10 == 9 {
-                w.observe(at(t + 0.01), seen(t + 0.01));
-            }
-        }
-        w.testimony(at(15.0))
-    }
-
-    #[test]
-    fn gravity_that_is_not_felt_contradicts_and_a_gust_does_not() {
-        let height = |t: f64| 5.0 * (0.5 * t).sin();
-        let accel = |t: f64| -1.25 * (0.5 * t).sin();
-        assert_eq!(vertical(accel, height), Testimony::Agrees);
-        assert_eq!(vertical(|t| accel(t) - 9.8, height), Testimony::Contradicts);
-        let gust = |t: f64| height(t) + if (11.0..13.0).contains(&t) { 3.0 } else { 0.0 };
-        assert_ne!(vertical(accel, gust), Testimony::Contradicts);
     }
 }

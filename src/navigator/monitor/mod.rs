@@ -6,6 +6,7 @@ pub(super) mod flow_travel;
 mod frozen_fixes;
 pub(super) mod gnss_by_flow;
 pub mod gnss_integrity;
+pub(super) mod gyro_by_field;
 pub(super) mod heading_witness;
 pub(super) mod inertia_jumps;
 pub(super) mod inertia_trust;
@@ -16,6 +17,7 @@ pub(super) mod plausibility;
 pub(super) mod unexplained;
 pub(super) mod usual;
 pub(super) mod velocity_step;
+pub(super) mod vertical_witness;
 pub(super) mod witnesses;
 
 pub use gnss_integrity::{GnssFault, GnssState};

@@ -8,7 +8,8 @@
 //! What is far from usual and not beyond doubt is no charge: how far it has led, if it is a lie, is a part of what is claimed of the position.
 //!
 //! A lie stands until the velocity steps back, or until whatever else carries knows the velocity well enough to see that GNSS agrees with it again; until
-//! the receiver is silent for a while, and comes back like any other; and for as long as it leads further off than the position is uncertain without it.
+//! the receiver is silent for a while; and for as long as it leads further off than the position is uncertain without it. Who was silent, or does no
+//! harm any more, is followed like any other, for nobody knows better, and the lie goes on as a doubt.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -44,6 +45,15 @@ pub(in super::super) struct VelocityLie {
     pub(in super::super) since: AutopilotTime,
     /// NE, m/s.
     step: Vector2<f64>,
+}
+
+/// What may be a velocity that is a lie, and until when it may lead away.
+#[derive(Clone, Copy, Debug)]
+struct VelocityDoubt {
+    lie: VelocityLie,
+    until: AutopilotTime,
+    /// It was beyond doubt, and nobody has disproven it.
+    charged: bool,
 }
 
 /// A fix with its d.
@@ -87,7 +97,7 @@ pub(in super::super) struct VelocitySteps {
     look_due: Option<AutopilotTime>,
     lie: Option<VelocityLie>,
     /// What may be one.
-    doubt: Option<VelocityLie>,
+    doubt: Option<VelocityDoubt>,
     /// For how long GNSS has agreed with what carries, s.
     agrees_since: Option<AutopilotTime>,
 }
@@ -111,7 +121,7 @@ impl VelocitySteps {
 
     /// How far the receiver has led away by now, if what is not beyond doubt is a lie, NE, m.
     pub(in super::super) fn may_have_led(&self, now: AutopilotTime) -> Vector2<f64> {
-        self.doubt.map_or(Vector2::zeros(), |d| d.step * now.seconds_since(d.since).max(0.0))
+        self.doubt.map_or(Vector2::zeros(), |d| d.lie.step * now.seconds_since(d.lie.since).max(0.0))
     }
 
     /// What is held against the receiver.
@@ -121,7 +131,7 @@ impl VelocitySteps {
 
     /// For how long something has been in doubt, s, and the step that is, m/s.
     pub(in super::super) fn doubted(&self, now: AutopilotTime) -> Option<(f64, f64)> {
-        self.doubt.map(|d| (now.seconds_since(d.since), d.step.norm()))
+        self.doubt.map(|d| (now.seconds_since(d.lie.since), d.lie.step.norm()))
     }
 
     /// Whether it was the receiver's velocity that parted from inertia: most of what they are apart came between two fixes, and not little by little, as an IMU that
@@ -163,7 +173,8 @@ impl VelocitySteps {
             self.epoch = s.epoch;
         }
         if hole {
-            (self.lie, self.doubt) = (None, None);
+            self.doubt = self.doubt.filter(|d| d.charged);
+            self.let_go(s.time);
         }
         if self.felt.last().is_some_and(|f| s.time.seconds_since(f.time) < SPACING_S) {
             return;
@@ -179,7 +190,7 @@ impl VelocitySteps {
         self.felt.retain(|f| s.time.seconds_since(f.time) < WINDOW_S);
         match self.lie {
             None if s.judged => self.judge(s),
-            None => self.doubt = None,
+            None => self.doubt = self.doubt.filter(|d| d.charged && s.time < d.until),
             Some(lie) => self.come_back(s, &lie),
         }
     }
@@ -203,13 +214,13 @@ impl VelocitySteps {
             self.agrees_since = None;
             return;
         }
-        self.doubt = self.doubt.filter(|d| s.time.seconds_since(d.since) < DOUBT_S && !steps_back(&step, d));
+        self.doubt = self.doubt.filter(|d| s.time < d.until && !steps_back(&step, &d.lie));
         if looks_like_it
             && step.left < step.gain
             && self.doubt.is_none()
             && square > self.usual.limit(DOUBT_DECADES)
         {
-            self.doubt = Some(begun);
+            self.doubt = Some(VelocityDoubt::of(begun, begun.since, false));
         }
         let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
         self.looks = self.looks.saturating_add(1);
@@ -231,8 +242,17 @@ impl VelocitySteps {
         self.agrees_since = if agrees { self.agrees_since.or(Some(s.time)) } else { None };
         let led_m = lie.step.norm() * s.time.seconds_since(lie.since);
         let harmless = s.position_sigma > led_m.max(LEAST_LED_M);
-        if stepped_back || harmless || self.agrees_since.is_some_and(|t| s.time.seconds_since(t) > BACK_S) {
+        if stepped_back || self.agrees_since.is_some_and(|t| s.time.seconds_since(t) > BACK_S) {
             self.forget();
+        } else if harmless {
+            self.let_go(s.time);
+        }
+    }
+
+    /// The receiver is as good as any other evidence, and not disproven.
+    fn let_go(&mut self, now: AutopilotTime) {
+        if let Some(lie) = self.lie.take() {
+            self.doubt = Some(VelocityDoubt::of(lie, now, true));
         }
     }
 
@@ -259,6 +279,12 @@ impl VelocitySteps {
             }
         }
         Some((best?, kink, plain))
+    }
+}
+
+impl VelocityDoubt {
+    fn of(lie: VelocityLie, from: AutopilotTime, charged: bool) -> Self {
+        Self { lie, until: from + Span::from_seconds(DOUBT_S), charged }
     }
 }
 

@@ -1,11 +1,13 @@
 //! Who can testify against the vehicle's own heading and inertia.
 
+use super::gyro_by_field::GyroByField;
 use super::heading_witness::HeadingWitness;
 use super::inertia_jumps::InertiaJumps;
 use super::inertia_trust::InertiaTrust;
-use super::inertia_witness::{HorizontalWitness, VerticalWitness};
+use super::inertia_witness::HorizontalWitness;
 use super::plausibility::Plausibility;
 use super::unexplained::Unexplained;
+use super::vertical_witness::VerticalWitness;
 use crate::navigator::tuning::inertia_witness::TURNED_S;
 use crate::time::AutopilotTime;
 
@@ -18,6 +20,8 @@ pub(in super::super) struct Witnesses {
     pub(in super::super) gnss: HorizontalWitness,
     /// The barometer, of the inertia.
     pub(in super::super) barometer: VerticalWitness,
+    /// The magnetic field, of the gyros.
+    pub(in super::super) field: GyroByField,
     /// When the heading was turned for it, last.
     turned: Option<AutopilotTime>,
     /// What the vehicle can do.
@@ -43,5 +47,6 @@ impl Witnesses {
         self.heading.forget();
         self.gnss.forget();
         self.barometer.forget();
+        self.field.forget();
     }
 }

@@ -1,145 +1,282 @@
 //! Whether the magnetometer's heading steps where the gyros feel no turn: with GNSS or without, nothing else is needed.
 //!
-//! A field that was measured a moment ago, turned by what the gyros felt since, is what should be measured now; the angle between their headings is the
-//! *change*. How large changes within [`BEFORE_S`] are, is learned of every vehicle (currents, iron, latency), as a standard deviation. A change of more than
-//! 5 of them, and than [`LEAST_STEP`], that stays is a *step*. Gyros do not step: the magnetometer is wrong. (What drifts may be either, and only motion tells.)
+//! A field that was measured a moment ago, turned by what the gyros felt since, is what should be measured now; the horizontal part of their difference, over the
+//! horizontal field of the place, is the *change*: what the heading is turned by, at this attitude or at another. How large changes within [`BEFORE_S`] are, is learned of every vehicle (currents, iron, latency), as a standard deviation. A change of more than
+//! 5 of them, and than [`LEAST_STEP`], that stays is a *step*, if it is one of the heading, or if most of it came between two samples: a gyro that fails turns
+//! all of the field little by little. Gyros do not step: the magnetometer is wrong. (What drifts may be either, and only motion tells.)
+//!
+//! While the vehicle turns fast its latency hides a step. So the last field before the turn is carried through it by the gyros, and compared with the first
+//! one after: what iron on the vehicle makes of another heading is learned as well, turn by turn.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
+use crate::geo::so3;
 use crate::time::AutopilotTime;
 
 use crate::navigator::tuning::compass_step::{
-    BEFORE_S, CALM, LATENCY_S, LEAST_STEP, LONGEST_GAP_S, SIGMAS, SPREAD_S, STANDS_S, USUAL_S,
+    BEFORE_S, CALM, DRIFT_RADPS, LATENCY_S, LEAST_STEP, LEAST_TURN_STEP, LONGEST_GAP_S, SHARP, SIGMAS,
+    SPREAD_S, STANDS_S, TURN_S, TURNS_S, USUAL_S,
 };
 
 /// Past fields that are remembered.
 const PAST: usize = 8;
 
-/// A field, body, T, and when.
-type Field = (AutopilotTime, Vector3<f64>);
-
-/// What is compared at a time.
+/// A field, and what it is compared by.
 pub(super) struct ComparedField<'a> {
-    pub(super) field: Field,
+    pub(super) time: AutopilotTime,
+    /// Body, T.
+    pub(super) field: Vector3<f64>,
     /// How fast the vehicle turns, rad/s.
     pub(super) rate: f64,
-    /// The change since an earlier field, rad.
-    pub(super) change: &'a dyn Fn(&Field) -> Option<f64>,
+    pub(super) r_body_to_ned: Matrix3<f64>,
+    /// A step would be a fault. On the ground, where motors start, it is only learned of.
+    pub(super) judged: bool,
+    /// Strength of the place's horizontal field, T.
+    pub(super) horizontal_t: f64,
+    /// The rotation since an earlier time, body, rad.
+    pub(super) turned: &'a dyn Fn(AutopilotTime) -> Option<Vector3<f64>>,
 }
 
-/// A standard deviation: the plain one at first, a low pass later.
+/// A field of before.
+#[derive(Clone, Copy, Debug)]
+struct PastField {
+    time: AutopilotTime,
+    /// As it would be measured now by the gyros, body, T.
+    field: Vector3<f64>,
+    /// How fast the vehicle turned, rad/s.
+    rate: f64,
+    /// The largest change from one sample to the next since, rad.
+    sharpest: f64,
+}
+
+impl PastField {
+    fn of(heard: &ComparedField<'_>) -> Self {
+        Self { time: heard.time, field: heard.field, rate: heard.rate, sharpest: 0.0 }
+    }
+
+    /// What the heading has changed by since, rad.
+    fn heading_change(&self, heard: &ComparedField<'_>) -> f64 {
+        let [from, to] = [self.field, heard.field].map(|field| heard.r_body_to_ned * field);
+        (from.x * to.y - from.y * to.x).atan2(from.xy().dot(&to.xy())).abs()
+    }
+
+    /// The change since, rad.
+    fn change(&self, heard: &ComparedField<'_>) -> f64 {
+        (heard.r_body_to_ned * (heard.field - self.field)).xy().norm() / heard.horizontal_t
+    }
+}
+
+/// Variances of a heading's and of a field's changes: the plain ones at first, a low pass later.
 #[derive(Clone, Copy, Debug, Default)]
-struct Usual {
-    variance: f64,
+struct UsualChange {
+    variances: [f64; 2],
     seconds: f64,
 }
 
-impl Usual {
-    fn learn(&mut self, dt: f64, value: f64) {
+impl UsualChange {
+    fn learn(&mut self, dt: f64, from: &PastField, heard: &ComparedField<'_>) {
         self.seconds = (self.seconds + dt).min(SPREAD_S);
-        self.variance += (value * value - self.variance) * (dt / self.seconds.max(1e-3)).min(1.0);
+        let changes = [from.heading_change(heard), from.change(heard)];
+        for (variance, change) in self.variances.iter_mut().zip(changes) {
+            *variance += (change * change - *variance) * (dt / self.seconds.max(1e-3)).min(1.0);
+        }
     }
 
-    fn limit(&self) -> f64 {
-        (SIGMAS * self.variance.sqrt()).max(LEAST_STEP)
+    fn is_known(&self) -> bool {
+        self.seconds > USUAL_S
     }
+
+    /// Beyond which one is no accident, rad.
+    fn limits(&self, least: f64, more: f64) -> [f64; 2] {
+        self.variances.map(|variance| (SIGMAS * variance.sqrt()).max(least) + more)
+    }
+}
+
+/// What may be a step.
+#[derive(Clone, Copy, Debug)]
+struct MayHaveStepped {
+    since: AutopilotTime,
+    from: PastField,
+    /// Changes that are below this are none, rad.
+    limit: f64,
 }
 
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StepWatch {
-    last: Option<AutopilotTime>,
-    /// Fields of late, body, T, and how fast the vehicle turned, rad/s.
-    past: [Option<(Field, f64)>; PAST],
+    last: Option<PastField>,
+    /// Fields of late.
+    past: [Option<PastField>; PAST],
     next: usize,
-    /// Of its changes.
-    changes: Usual,
-    /// It may have stepped: since when, from what.
-    stepped: Option<(AutopilotTime, Field)>,
+    /// The last while the vehicle did not turn fast.
+    calm: Option<PastField>,
+    /// Of its changes within [`BEFORE_S`], and over a turn.
+    within: UsualChange,
+    over_turns: UsualChange,
+    stepped: Option<MayHaveStepped>,
 }
 
 impl StepWatch {
     /// A field. By how much it has stepped, rad, when it has.
     pub(super) fn observe(&mut self, heard: &ComparedField<'_>) -> Option<f64> {
-        let time = heard.field.0;
-        let dt = self.last.replace(time).map_or(0.0, |t| time.seconds_since(t));
+        let dt = self.last.map_or(0.0, |last| heard.time.seconds_since(last.time));
         if !(0.0..LONGEST_GAP_S).contains(&dt) {
+            self.last = Some(PastField::of(heard));
             self.forget();
             return None;
         }
-        let fastest = self.past.iter().flatten().map(|(_, rate)| *rate).fold(heard.rate, f64::max);
-        let late = LATENCY_S * fastest;
-        let departure = self.steps(heard, dt, late);
-        self.remember(heard.field, heard.rate);
+        if let Some(last) = self.last {
+            self.carry(&so3::exp(&-(heard.turned)(last.time)?));
+        }
+        self.sharpen(heard);
+        let fastest = self.past.iter().flatten().map(|past| past.rate).fold(heard.rate, f64::max);
+        let departure = self.steps(heard, dt, LATENCY_S * fastest);
+        self.remember(heard);
         if departure.is_some() {
             self.forget();
         }
         departure
     }
 
-    fn steps(&mut self, heard: &ComparedField<'_>, dt: f64, late: f64) -> Option<f64> {
-        let (time, limit) = (heard.field.0, self.changes.limit() + late);
-        if let Some((since, from)) = self.stepped {
-            let by = (heard.change)(&from);
-            if by.is_none_or(|by| by.abs() < 0.5 * limit) {
-                // It was a spike: what was remembered of it is no measure.
-                (self.stepped, self.past) = (None, [None; PAST]);
-            }
-            return by.filter(|_| time.seconds_since(since) > STANDS_S);
+    /// Whether it may have stepped: that is not to be believed before it has gone or is known.
+    pub(super) fn is_doubted(&self) -> bool {
+        self.stepped.is_some()
+    }
+
+    /// The vehicle has turned: so do the fields of before.
+    fn carry(&mut self, rotation: &Matrix3<f64>) {
+        let stepped = self.stepped.iter_mut().map(|stepped| &mut stepped.from);
+        let before = self.past.iter_mut().flatten().chain(&mut self.calm).chain(&mut self.last);
+        for past in before.chain(stepped) {
+            past.field = rotation * past.field;
         }
-        let before = self.before(time)?;
-        let change = (heard.change)(&before)?;
-        if self.changes.seconds > USUAL_S && change.abs() > limit {
-            self.stepped = Some((time, before));
-        } else if late < CALM {
-            self.changes.learn(dt, change);
+    }
+
+    /// What has changed since the last sample.
+    fn sharpen(&mut self, heard: &ComparedField<'_>) {
+        let Some(last) = self.last.replace(PastField::of(heard)) else { return };
+        let change = last.change(heard);
+        for past in self.past.iter_mut().flatten().chain(&mut self.calm) {
+            past.sharpest = past.sharpest.max(change);
+        }
+    }
+
+    fn steps(&mut self, heard: &ComparedField<'_>, dt: f64, late: f64) -> Option<f64> {
+        if let Some(stepped) = self.stepped {
+            let by = stepped.from.change(heard);
+            if by < 0.5 * stepped.limit {
+                // It was a spike: what was remembered of it is no measure.
+                (self.stepped, self.past, self.calm) = (None, [None; PAST], None);
+                return None;
+            }
+            return Some(by).filter(|_| heard.time.seconds_since(stepped.since) > STANDS_S);
+        }
+        if let Some(before) = self.before(heard.time) {
+            let limits = self.within.limits(LEAST_STEP, late);
+            if self.is_borne_out(heard, 0.5 * limits[0]) {
+                self.compare(heard, &before, limits);
+            }
+            if self.stepped.is_none() && late < CALM {
+                self.within.learn(dt, &before, heard);
+            }
+        }
+        if late < CALM && self.stepped.is_none() {
+            self.after_turn(heard);
         }
         None
     }
 
-    /// The field of [`BEFORE_S`] ago.
-    fn before(&self, time: AutopilotTime) -> Option<Field> {
-        let old = self
-            .past
-            .iter()
-            .flatten()
-            .map(|(field, _)| field)
-            .filter(|(t, _)| time.seconds_since(*t) >= BEFORE_S);
-        old.max_by_key(|(t, _)| *t).copied()
+    /// Against a field of before, within `[heading, field]` rad.
+    fn compare(&mut self, heard: &ComparedField<'_>, from: &PastField, [heading, field]: [f64; 2]) {
+        let change = from.change(heard);
+        let turned = from.heading_change(heard) > heading;
+        let bent = change > field && from.sharpest > SHARP * change;
+        if self.within.is_known() && heard.judged && (turned || bent) {
+            let limit = if turned { heading } else { field };
+            self.stepped = Some(MayHaveStepped { since: heard.time, from: *from, limit });
+        }
     }
 
-    fn remember(&mut self, field: Field, rate: f64) {
+    /// Whether it is not one past field alone, which may be an outlier, that shows a change.
+    fn is_borne_out(&self, heard: &ComparedField<'_>, least: f64) -> bool {
+        let age_s = |past: &PastField| heard.time.seconds_since(past.time);
+        let mut old = self.past.iter().flatten().filter(|past| age_s(past) >= 0.5 * BEFORE_S);
+        old.clone().count() > 1 && old.all(|past| past.change(heard) > least)
+    }
+
+    /// A field while the vehicle does not turn fast, against the last of before a turn.
+    fn after_turn(&mut self, heard: &ComparedField<'_>) {
+        let here = PastField::of(heard);
+        let Some(before) = self.calm.replace(here) else { return };
+        let took_s = heard.time.seconds_since(before.time);
+        if (TURN_S..TURNS_S).contains(&took_s) {
+            let limits = self.over_turns.limits(LEAST_TURN_STEP, DRIFT_RADPS * took_s);
+            self.compare(heard, &before, limits);
+            if self.stepped.is_none() {
+                self.over_turns.learn(took_s, &before, heard);
+            }
+        }
+    }
+
+    /// The field of [`BEFORE_S`] ago.
+    fn before(&self, time: AutopilotTime) -> Option<PastField> {
+        let old = self.past.iter().flatten().filter(|past| time.seconds_since(past.time) >= BEFORE_S);
+        old.max_by_key(|past| past.time).copied()
+    }
+
+    fn remember(&mut self, heard: &ComparedField<'_>) {
         let newest = self.past[(self.next + PAST - 1) % PAST];
-        if newest.is_none_or(|((t, _), _)| field.0.seconds_since(t) >= BEFORE_S / (PAST - 2) as f64) {
-            self.past[self.next] = Some((field, rate));
+        let every_s = BEFORE_S / (PAST - 2) as f64;
+        if newest.is_none_or(|past| heard.time.seconds_since(past.time) >= every_s) {
+            self.past[self.next] = Some(PastField::of(heard));
             self.next = (self.next + 1) % PAST;
         }
     }
 
-    /// What is usual is not known.
+    /// What was measured is not comparable with what comes; what is usual is usual still.
     pub(super) fn forget(&mut self) {
-        *self = Self { last: self.last, ..Self::default() };
+        *self = Self { last: self.last, within: self.within, over_turns: self.over_turns, ..Self::default() };
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geo::so3::wrap_pi;
 
-    /// Ten samples a second of noise of 3 degrees, and what is added to it after a minute.
-    fn fly(added: impl Fn(f64) -> f64) -> Option<(f64, f64)> {
+    /// Ten samples a second of a vehicle whose heading is `turned`, rad, of noise of 3 degrees, and what is added to it after a minute. When it is found, and
+    /// by how much.
+    fn fly_turning(turned: impl Fn(f64) -> f64, added: impl Fn(f64) -> f64) -> Option<(f64, f64)> {
         let mut watch = StepWatch::default();
+        let time = |t: f64| AutopilotTime::from_micros((t * 1e6).round() as i64);
         (0..1200).find_map(|k| {
             let t = f64::from(k) * 0.1;
             let noise = 0.07 * (7.3 * t).sin() + 0.03 * (0.4 * t).cos();
             let delta = noise + if t > 60.0 { added(t - 60.0) } else { 0.0 };
-            let field = Vector3::new(delta.cos(), delta.sin(), 0.0);
-            let change = |(_, then): &Field| Some(wrap_pi(delta - then.y.atan2(then.x)));
-            let time = AutopilotTime::from_micros(i64::from(k) * 100_000);
-            let heard = ComparedField { field: (time, field), rate: 0.0, change: &change };
+            let heading = turned(t);
+            let in_body = delta - heading;
+            let heard = ComparedField {
+                time: time(t),
+                field: Vector3::new(in_body.cos(), in_body.sin(), 0.0),
+                rate: (turned(t + 0.05) - turned(t - 0.05)).abs() * 10.0,
+                r_body_to_ned: so3::exp(&(Vector3::z() * heading)),
+                judged: true,
+                horizontal_t: 1.0,
+                turned: &|since| {
+                    let from = turned(since.seconds_since(time(0.0)));
+                    Some(Vector3::z() * (heading - from))
+                },
+            };
             watch.observe(&heard).map(|d| (t, d))
         })
+    }
+
+    fn fly(added: impl Fn(f64) -> f64) -> Option<(f64, f64)> {
+        fly_turning(|_| 0.0, added)
+    }
+
+    /// Turns of 90 degrees within a second, every ten.
+    fn squares(t: f64) -> f64 {
+        ((t / 10.0).floor() + (t % 10.0).min(1.0)) * std::f64::consts::FRAC_PI_2
     }
 
     #[test]
@@ -147,9 +284,23 @@ mod tests {
         assert_eq!(fly(|_| 0.0), None);
         for step in [0.52, -1.57, 3.0] {
             let Some((t, by)) = fly(|_| step) else { panic!("{step}") };
-            assert!(t < 62.0 && (by - step).abs() < 0.2, "{t} {by}");
+            let chord = 2.0 * (0.5 * step).sin().abs();
+            assert!(t < 62.0 && (by - chord).abs() < 0.2, "{t} {by}");
         }
         assert_eq!(fly(|t| 0.052 * t), None);
+    }
+
+    #[test]
+    fn a_step_that_a_fast_turn_hides_is_found_after_it_and_what_headings_differ_by_is_none() {
+        assert_eq!(fly_turning(squares, |_| 0.0), None);
+        for step in [0.52, -0.6, 1.57] {
+            let found = fly_turning(squares, |t| if t > 10.4 { step } else { 0.0 });
+            let Some((t, by)) = found else { panic!("{step}") };
+            let chord = 2.0 * (0.5 * step).sin().abs();
+            assert!((70.0..73.0).contains(&t) && (by - chord).abs() < 0.25, "{step}: {t} {by}");
+        }
+        // Iron that shifts every other heading by 10 degrees.
+        assert_eq!(fly_turning(squares, |t| if (t / 10.0) as i64 % 2 == 0 { 0.17 } else { 0.0 }), None);
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 
-use crate::geo::so3;
 use crate::sample::MagSample;
 use crate::time::{AutopilotTime, Span};
 
@@ -117,9 +116,12 @@ impl MagnetometerSource {
         if self.is_stuck(s, context.now(), &context.core.timeline) {
             return Err(Reason::Stuck);
         }
-        self.watch_steps(s, context);
+        self.watch_steps(s, &field_ned, context);
         if !self.is_believed(s, &field_ned, context) {
             return Err(Reason::ContradictsMotion);
+        }
+        if self.steps.is_doubted() {
+            return Err(Reason::Innovation);
         }
         self.newest = Some((s.time, s.field.raw()));
         // What the world's model and the mounting are off by is no noise, and no sample tells it.
@@ -189,7 +191,7 @@ impl MagnetometerSource {
     }
 
     /// The heading of the field against the gyros', while the attitude is known.
-    fn watch_steps(&mut self, s: &MagSample, context: &Context<'_>) {
+    fn watch_steps(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) {
         let core = context.core;
         let known = core.mode != Mode::Aligning
             && !core.estimator.is_settling()
@@ -199,19 +201,16 @@ impl MagnetometerSource {
         if !known || self.contradicted.is_some() {
             return self.steps.forget();
         }
-        let field = s.field.raw();
-        let turn = |from: &Vector3<f64>, to: &Vector3<f64>| {
-            (from.x * to.y - from.y * to.x).atan2(from.xy().dot(&to.xy()))
-        };
-        let change = |(then, was): &(AutopilotTime, Vector3<f64>)| {
-            let dt = s.time.seconds_since(*then);
-            let turned = so3::exp(&(core.timeline.mean_rate(*then, s.time)? * -dt));
-            Some(turn(&(attitude * turned * was), &(attitude * field)))
-        };
+        let bias = core.estimator.filter_state().map_or(Vector3::zeros(), |state| state.magnetic_bias);
         let heard = ComparedField {
-            field: (s.time, field),
+            time: s.time,
+            field: s.field.raw() - bias,
             rate: core.attitude.angular_rate_body.norm(),
-            change: &change,
+            r_body_to_ned: attitude,
+            // What an axis of the gyros makes of a turn is not the compass' fault.
+            judged: !context.on_ground() && !core.witnesses.field.suspects(),
+            horizontal_t: field_ned.xy().norm(),
+            turned: &|since| Some(core.timeline.mean_rate(since, s.time)? * s.time.seconds_since(since)),
         };
         if self.steps.observe(&heard).is_some() {
             self.contradict(Charge::ContradictsInertia);
@@ -261,7 +260,7 @@ impl MagnetometerSource {
         if reset.reboots() {
             self.newest = None;
             self.contradicted = None;
-            self.steps.forget();
+            self.steps = StepWatch::default();
             self.dip = (0.0, 0.0);
             self.noise.interrupt();
         }

@@ -166,9 +166,10 @@ pub(in crate::navigator) mod gnss_by_flow {
     pub(in crate::navigator) const FIRM: f64 = 20.0;
     pub(in crate::navigator) const MEMORY: f64 = 60.0;
     /// It is accused beyond what happens once in 10^5 windows: four end each second, overlapping by nearly all of their length, so that an hour
-    /// has some hundreds that are their own. Nothing is learned from it beyond once in 10^2.
+    /// has some hundreds that are their own. Nothing is learned from it beyond once in 10^2, and what it may have led by is claimed beyond once in 10^3.5.
     pub(in crate::navigator) const DECADES: f64 = 5.0;
     pub(in crate::navigator) const DOUBT_DECADES: f64 = 2.0;
+    pub(in crate::navigator) const GRAVE_DECADES: f64 = 3.5;
     /// The walk has to be a hundred times as likely as a change of the flow, ln.
     pub(in crate::navigator) const CLEAR_OF: f64 = 4.6;
     /// … and the flow's change has to explain less than this part: no model is right to the last per cent.
@@ -282,6 +283,11 @@ pub(in crate::navigator) mod inertia_witness {
     pub(in crate::navigator) const WINDOWS: usize = 5;
     pub(in crate::navigator) const MOST_OF: usize = 4;
     pub(in crate::navigator) const MEMORY_S: f64 = 9.0;
+    /// The barometer's long windows: at least and at most so long, s; so many, no older than this, s.
+    pub(in crate::navigator) const SLOW_S: f64 = 3.0;
+    pub(in crate::navigator) const SLOW_LONGEST_S: f64 = 4.5;
+    pub(in crate::navigator) const SLOW_WINDOWS: usize = 2;
+    pub(in crate::navigator) const SLOW_MEMORY_S: f64 = 9.5;
     /// A witness that accelerates by more than this between two of its own velocities is none, m/s²: small vehicles cannot, receivers that are
     /// lost do. Nor is one whose position moves otherwise than its velocity by this much in a window, m.
     pub(in crate::navigator) const FASTEST_MPS2: f64 = 20.0;
@@ -299,6 +305,31 @@ pub(in crate::navigator) mod inertia_witness {
     /// What it has done until it was found, s: a stuck axis, a contradicted one.
     pub(in crate::navigator) const STUCK_FOR_S: f64 = 0.5;
     pub(in crate::navigator) const WRONG_FOR_S: f64 = 5.0;
+}
+
+/// The magnetic field, of the gyros.
+pub(in crate::navigator) mod gyro_by_field {
+    /// A turn is looked at over at least this, s, and so many of them together; a longer hole ends the comparison, s.
+    pub(in crate::navigator) const BLOCK_S: f64 = 0.095;
+    pub(in crate::navigator) const BLOCKS: usize = 20;
+    pub(in crate::navigator) const HOLE_S: f64 = 0.6;
+    /// Mean square of what a block does not fit by, over the field's, at least, and the gain of its running mean, in which a block counts no more
+    /// than so many times; what is found is beyond so many of its sigmas.
+    pub(in crate::navigator) const LEAST_NOISE: f64 = 1e-4;
+    pub(in crate::navigator) const CLIPPED: f64 = 4.0;
+    pub(in crate::navigator) const NOISE_GAIN: f64 = 0.02;
+    pub(in crate::navigator) const SIGMAS: f64 = 6.0;
+    /// A gain of more than this is neither iron nor latency, but one near this is a magnetometer that stands still.
+    pub(in crate::navigator) const GAIN: f64 = 0.7;
+    pub(in crate::navigator) const DEAD: std::ops::Range<f64> = -1.4..-0.5;
+    /// The turn about the axis, rad, root of the sum of squares.
+    pub(in crate::navigator) const LEAST_TURN: f64 = 0.2;
+    /// The axis explains this part of what does not fit where it is found, and where it is suspected; one block is no more than this part of it.
+    pub(in crate::navigator) const EXPLAINS: f64 = 0.75;
+    pub(in crate::navigator) const SUSPECTED: f64 = 0.5;
+    pub(in crate::navigator) const ONE_BLOCK: f64 = 0.5;
+    /// A magnetometer that stands still leaves so many times as much unexplained.
+    pub(in crate::navigator) const RIVAL: f64 = 2.0;
 }
 
 /// Jumps of the IMU's axes.
@@ -422,4 +453,6 @@ pub(in crate::navigator) mod vehicle {
     /// A vehicle that is this fast, m/s, or this high above where it began, m, is in the air, whatever it says of its motors.
     pub(in crate::navigator) const FLYING_MPS: f64 = 3.0;
     pub(in crate::navigator) const FLYING_M: f64 = 3.0;
+    /// Above the ground by more than this, m, is off it, whatever the altimeter's noise.
+    pub(in crate::navigator) const IN_AIR_M: f64 = 1.0;
 }

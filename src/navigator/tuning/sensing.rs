@@ -104,6 +104,11 @@ pub(in crate::navigator) mod flow {
     pub(in crate::navigator) const STUCK_S: f64 = 0.3;
     /// What a camera turns by while the flow tells zero is forgotten in this time, s.
     pub(in crate::navigator) const ZERO_MEMORY_S: f64 = 1.0;
+    /// So many repeats are expected of as many that are none before a sensor has shown how often it repeats itself; so many samples are
+    /// remembered; and what happens once in this many decades of runs is no accident.
+    pub(in crate::navigator) const REPEATS_PRIOR: f64 = 5.0;
+    pub(in crate::navigator) const REPEATS_MEMORY: f64 = 4000.0;
+    pub(in crate::navigator) const REPEATS_DECADES: f64 = 6.0;
     /// The calibration that is returned to is as old as this at least, s: a wrong flow is found within that.
     pub(in crate::navigator) const CALIBRATION_KEPT_S: f64 = 5.0;
     /// A rangefinder is lost, or back, when it has been for this long, s.
@@ -366,10 +371,18 @@ pub(in crate::navigator) mod compass_step {
     pub(in crate::navigator) const LEAST_STEP: f64 = 0.2;
     pub(in crate::navigator) const LATENCY_S: f64 = 0.3;
     pub(in crate::navigator) const CALM: f64 = 0.1;
+    /// So much of it has to come between two samples.
+    pub(in crate::navigator) const SHARP: f64 = 0.6;
     /// It has to stand for so long, s.
     pub(in crate::navigator) const STANDS_S: f64 = 0.5;
     /// A step takes no longer than this, s.
     pub(in crate::navigator) const BEFORE_S: f64 = 0.5;
+    /// A turn hides one if it takes so long, s; one that takes longer is none that gyros could bridge. What is found over a turn is more than iron makes of
+    /// another heading, rad, and than gyros drift, rad/s.
+    pub(in crate::navigator) const TURN_S: f64 = 0.7;
+    pub(in crate::navigator) const TURNS_S: f64 = 15.0;
+    pub(in crate::navigator) const LEAST_TURN_STEP: f64 = 0.3;
+    pub(in crate::navigator) const DRIFT_RADPS: f64 = 0.01;
     /// What is usual: a spread over this long, s, known after this long, s.
     pub(in crate::navigator) const SPREAD_S: f64 = 60.0;
     pub(in crate::navigator) const USUAL_S: f64 = 10.0;

@@ -1,10 +1,9 @@
-//! What is held against a flow sensor: numbers that repeat themselves, and what inertia says; and what is kept of before, to go back to.
+//! What inertia holds against a flow sensor; and what is kept of before, to go back to.
 
 use nalgebra::{Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
 use crate::geo::{NOMINAL_GRAVITY_MPS2, so3};
-use crate::sample::FlowSample;
 use crate::time::AutopilotTime;
 
 use super::super::super::context::Context;
@@ -14,9 +13,7 @@ use super::super::drag::DragSource;
 use super::super::status::{SourceId, SourceKind};
 use super::witness::{Contradiction, FlowAndInertia};
 use super::{FlowSensor, FlowSource, MeasuredFlow, gnss_velocity};
-use crate::navigator::tuning::flow::{
-    BACK, CALIBRATION_KEPT_S, LONGEST_INTERVAL_S, OFF_S, OTHERWISE_S, SPEAKS, STUCK_S, ZERO_MEMORY_S,
-};
+use crate::navigator::tuning::flow::{BACK, CALIBRATION_KEPT_S, OFF_S, OTHERWISE_S, SPEAKS};
 
 /// What inertia says of a flow sensor that is news.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,17 +22,6 @@ pub(in super::super::super) enum FlowFinding {
     Astray { since: AutopilotTime },
     /// It follows inertia again.
     Back,
-}
-
-/// The same flow, told again and again.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SameFlow {
-    pub(super) since: AutopilotTime,
-    pub(super) last: AutopilotTime,
-    pub(super) rate_xy: [f64; 2],
-    /// What the camera has turned by meanwhile, x and y, rad, forgotten in [`ZERO_MEMORY_S`].
-    pub(super) turned: Vector2<f64>,
-    pub(super) stuck: bool,
 }
 
 /// A flow that contradicts inertia, against the filter's velocity: a mean of late, NE, m/s, and the most that was.
@@ -91,29 +77,6 @@ impl HeadingByGyro {
 }
 
 impl FlowSensor {
-    /// Since when it has told the same numbers, if that is longer than noise lets it. Zero is what sensors tell that see nothing move; but no
-    /// image stands still while the camera turns by more than the sensor's noise (`rate_xy`, rad/s, where the flow has the rotation in it).
-    pub(super) fn repeats(
-        &mut self,
-        s: &FlowSample,
-        rate_xy: Option<Vector2<f64>>,
-        noise_radps: f64,
-    ) -> Option<AutopilotTime> {
-        let Some(same) = self.same.as_mut().filter(|same| same.rate_xy == s.rate_xy) else {
-            let (time, rate_xy) = (s.time, s.rate_xy);
-            self.same =
-                Some(SameFlow { since: time, last: time, rate_xy, turned: Vector2::zeros(), stuck: false });
-            return None;
-        };
-        let dt = s.time.seconds_since(same.last).clamp(0.0, LONGEST_INTERVAL_S);
-        same.last = s.time;
-        same.turned = same.turned * (-dt / ZERO_MEMORY_S).exp() + rate_xy.unwrap_or_default() * dt;
-        let turns = same.turned.norm() > noise_radps * ZERO_MEMORY_S;
-        let stands = same.rate_xy == [0.0; 2] && !turns;
-        same.stuck |= !stands && s.time.seconds_since(same.since) > STUCK_S;
-        same.stuck.then_some(same.since)
-    }
-
     /// The calibration is kept while nothing speaks against it.
     fn keep_calibration(&mut self, now: AutopilotTime) {
         let kept = &mut self.kept;

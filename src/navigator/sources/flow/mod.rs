@@ -3,6 +3,7 @@
 mod charged;
 mod image;
 mod measure;
+mod repeats;
 mod unit;
 mod witness;
 
@@ -33,11 +34,12 @@ use crate::navigator::tuning::flow::{
 };
 use crate::navigator::tuning::flow_travel::NO_WALK_MPS;
 pub(in super::super) use charged::FlowFinding;
-use charged::{Astray, HeadingByGyro, KeptCalibration, SameFlow, ScaledBy};
+use charged::{Astray, HeadingByGyro, KeptCalibration, ScaledBy};
 use image::ImageAssembly;
 pub(in super::super) use image::PatchArrival;
 use measure::FlowCorrection;
 pub(in super::super) use measure::MeasuredFlow;
+use repeats::{RepeatScene, RepeatWatch};
 use unit::FlowUnit;
 pub(in super::super) use unit::in_radians;
 use witness::InertialWitness;
@@ -55,7 +57,7 @@ pub(in super::super) struct FlowSensor {
     gyro_offset: (Vector2<f64>, f64),
     last: Option<AutopilotTime>,
     outliers_s: f64,
-    same: Option<SameFlow>,
+    repeats: RepeatWatch,
     witness: InertialWitness,
     /// How far it has gone from inertia, while that is held against it.
     astray: Option<Astray>,
@@ -77,7 +79,7 @@ impl FlowSensor {
             gyro_offset: (Vector2::zeros(), 0.0),
             last: None,
             outliers_s: 0.0,
-            same: None,
+            repeats: RepeatWatch::default(),
             witness: InertialWitness::new(),
             astray: None,
             errors: (Vector4::zeros(), 0.0),
@@ -234,9 +236,13 @@ impl FlowSource {
         index: usize,
         context: &Context<'_>,
     ) -> Option<AutopilotTime> {
-        let settings = &context.core.settings.flow;
-        let rate_xy = measure::rotation_in(s, self.sensors[index].latency.latency_s(), context);
-        self.sensors[index].repeats(s, rate_xy, settings.rate_noise_radps)
+        let sensor = &mut self.sensors[index];
+        let scene = RepeatScene {
+            rate_xy: measure::rotation_in(s, sensor.latency.latency_s(), context),
+            noise_radps: context.core.settings.flow.rate_noise_radps,
+            in_air: context.in_air(),
+        };
+        sensor.repeats.note(s, &scene)
     }
 
     /// Whether what a sensor tells can be used at present, going by inertia.
@@ -549,7 +555,7 @@ impl FlowSource {
         if reset.reboots() {
             for sensor in &mut self.sensors {
                 sensor.last = None;
-                sensor.same = None;
+                sensor.repeats.interrupt();
                 sensor.latency.interrupt();
             }
             self.image.clear();
