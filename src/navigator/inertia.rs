@@ -78,7 +78,7 @@ pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &Heig
     if reading.channel != Channel::Baro {
         return;
     }
-    if core.witnesses.inertia.is_out() || core.mode == Mode::Aligning {
+    if core.witnesses.inertia.is_out() || core.mode == Mode::Aligning || core.estimator.is_settling() {
         return core.witnesses.barometer.forget();
     }
     core.witnesses.barometer.observe(now, reading.height_m);

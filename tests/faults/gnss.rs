@@ -163,7 +163,7 @@ fn while_an_imu_that_lies_and_a_receiver_part_the_claim_covers_both() {
     for (name, from_s) in [("ardupilot-copter-gps-loss", 362.3), ("px4-quad-gps-loss", 366.7)] {
         let rows = led_astray(name, &format!("gyro.x:flip@{from_s}..{}", from_s + 60.0), from_s);
         assert!(
-            rows.len() > 300 && rows.iter().any(|(_, apart_m, _)| *apart_m > 10.0),
+            rows.len() > 300 && rows.iter().any(|(_, apart_m, _)| *apart_m > 1.0),
             "{name}: it does harm"
         );
         for (t_s, apart_m, sigma_m) in rows {

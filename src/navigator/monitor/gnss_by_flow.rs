@@ -441,6 +441,9 @@ mod tests {
             let (t, found) = fly(speed, 300.0, walk, |_, v| v).unwrap();
             assert!(t > 200.0 && walk(t).norm() < 15.0, "{speed}: {t}");
             assert!(found.velocity_ne.dot(&Vector2::new(0.3, 0.4)) > 0.1, "{}", found.velocity_ne);
+            // What it walked before the window that shows it is a part of what is not known.
+            let missing = (walk(t) - found.walked_ne).norm();
+            assert!(missing < 2.0 * found.spread_m + 2.0, "{speed}: {missing} {}", found.spread_m);
         }
     }
 

@@ -471,6 +471,42 @@ mod tests {
         assert_eq!(fly(|_| 0.0, |t| 0.8 * (t - 100.0).max(0.0)), None);
     }
 
+    /// A lie of 2 m/s since 0 s, at 30 s and `after_s` later.
+    fn let_go(after_s: f64, position_sigma: f64) -> VelocitySteps {
+        let mut steps = VelocitySteps::new();
+        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0) });
+        for t in [30.0, 30.0 + after_s] {
+            let (velocity, impulse) = (Vector2::new(2.0, 0.0), Vector2::zeros());
+            let (epoch, judged, error, sigma) = (0, false, None, f64::INFINITY);
+            let time = at(t);
+            steps.observe(&FeltVelocity {
+                time,
+                velocity,
+                impulse,
+                epoch,
+                judged,
+                error,
+                sigma,
+                position_sigma,
+            });
+        }
+        steps
+    }
+
+    #[test]
+    fn a_lie_that_nobody_has_disproven_goes_on_as_a_doubt() {
+        let known = let_go(1.0, 5.0);
+        assert!(known.lie().is_some() && known.may_have_led(at(31.0)) == Vector2::zeros());
+        // The estimate knows no better, or the receiver was silent.
+        for (after_s, position_sigma) in [(1.0, 100.0), (5.0, 5.0)] {
+            let steps = let_go(after_s, position_sigma);
+            assert!(steps.lie().is_none());
+            let led = steps.may_have_led(at(40.0)).norm();
+            assert!((led - 80.0).abs() < 1e-9, "{after_s}: {led}");
+        }
+        assert_eq!(let_go(70.0, 5.0).lie(), None);
+    }
+
     #[test]
     fn who_tells_the_same_shares_the_lie() {
         let mut steps = VelocitySteps::new();

@@ -8,7 +8,9 @@
 //! −½ n ln p > D ln 10, with p = (R + a)/(N + 2a):
 //!
 //! p of repeats one by one, a of a prior that expects every second to be one, and the half because repeats of a hovering vehicle come
-//! in company. A sensor that counts whole pixels has a p near 1 and is given seconds; one that was never seen to repeat itself a few samples.
+//! in company. A sensor that counts whole pixels has a p near 1 and is given seconds; one that was never seen to repeat itself a few samples. But one without
+//! noise tells zero of a vehicle that hovers in still air, as simulated ones do: that has shown where its numbers scatter more than they change, Σ|Δ²x|² > Σ|Δx|²
+//! (3 : 1 of white noise, next to nothing of a motion).
 
 use nalgebra::Vector2;
 
@@ -50,14 +52,19 @@ pub(super) struct RepeatWatch {
     /// N and R.
     told: f64,
     repeated: f64,
+    /// The last number and how it had changed, and Σ|Δx|² and Σ|Δ²x|² in the air, (rad/s)².
+    changed: Option<(Vector2<f64>, Vector2<f64>)>,
+    squares: [f64; 2],
 }
 
 impl RepeatWatch {
     /// Since when the sensor has told the same numbers, if that is longer than it does by itself.
     pub(super) fn note(&mut self, s: &FlowSample, scene: &RepeatScene) -> Option<AutopilotTime> {
         let p = (self.repeated + REPEATS_PRIOR) / (self.told + 2.0 * REPEATS_PRIOR);
+        let noisy = self.squares[1] > self.squares[0];
         let Some(same) = self.same.as_mut().filter(|same| same.rate_xy == s.rate_xy) else {
             self.end_run(scene.in_air);
+            self.scatters(&Vector2::from(s.rate_xy), scene.in_air);
             let (time, rate_xy) = (s.time, s.rate_xy);
             let (run, turned) = (0.0, Vector2::zeros());
             self.same = Some(SameFlow { since: time, last: time, rate_xy, run, turned, stuck: false });
@@ -69,7 +76,7 @@ impl RepeatWatch {
         same.run += if scene.in_air { 1.0 } else { 0.0 };
         let turns = same.turned.norm() > scene.noise_radps * ZERO_MEMORY_S;
         let unlikely = -0.5 * same.run * p.log10() > REPEATS_DECADES;
-        let stands = same.rate_xy == [0.0; 2] && !turns && !(unlikely && scene.in_air);
+        let stands = same.rate_xy == [0.0; 2] && !turns && !(noisy && unlikely && scene.in_air);
         same.stuck |= !stands && s.time.seconds_since(same.since) > STUCK_S;
         same.stuck.then_some(same.since)
     }
@@ -87,7 +94,20 @@ impl RepeatWatch {
         if self.told > REPEATS_MEMORY {
             let kept = REPEATS_MEMORY / self.told;
             (self.told, self.repeated) = (self.told * kept, self.repeated * kept);
+            self.squares = self.squares.map(|square| square * kept);
         }
+    }
+
+    /// A number that is no repeat.
+    fn scatters(&mut self, rate_xy: &Vector2<f64>, in_air: bool) {
+        let Some((before, was)) = self.changed.filter(|_| in_air) else {
+            self.changed = Some((*rate_xy, Vector2::zeros()));
+            return;
+        };
+        let change = rate_xy - before;
+        self.squares[0] += change.norm_squared();
+        self.squares[1] += (change - was).norm_squared();
+        self.changed = Some((*rate_xy, change));
     }
 }
 
@@ -162,6 +182,14 @@ mod tests {
         assert_eq!(tell(&mut watch, 600, std::iter::repeat_n(0.0, 6000), &ground), None);
         let stuck = tell(&mut watch, 6600, noisy(20).chain(std::iter::repeat_n(0.0, 100)), &IN_AIR);
         assert!(stuck.is_some_and(|k| k < 40), "{stuck:?}");
+    }
+
+    #[test]
+    fn a_simulated_sensor_without_noise_tells_zero_of_a_hover() {
+        let mut watch = RepeatWatch::default();
+        let moves = (0..600).map(|k| (0.02 * f64::from(k)).sin());
+        assert_eq!(tell(&mut watch, 0, moves, &IN_AIR), None);
+        assert_eq!(tell(&mut watch, 600, std::iter::repeat_n(0.0, 2000), &IN_AIR), None);
     }
 
     #[test]
