@@ -148,12 +148,13 @@ fn led_astray(name: &str, fault: &str, from_s: f64) -> Vec<(f64, f64, f64)> {
         let number =
             |row: &std::collections::HashMap<String, String>, key: &str| row[key].parse::<f64>().unwrap();
         let columns = ["north_m", "east_m", "sigma_horizontal_m"];
-        rows.map(|row| (row["t_s"].clone(), columns.map(|key| number(&row, key))))
+        rows.map(|row| ((number(&row, "t_s") * 1e6) as i64, columns.map(|key| number(&row, key))))
             .collect::<std::collections::BTreeMap<_, _>>()
     };
     let (sound, faulty) = (solution(&[]), solution(&["--fault", fault]));
-    let both = faulty.iter().filter_map(|(t_s, f)| Some((t_s.parse::<f64>().unwrap(), sound.get(t_s)?, f)));
-    let after = both.filter(|(t_s, ..)| *t_s >= from_s);
+    // One that goes on without inertia is told at other moments.
+    let both = faulty.iter().filter_map(|(t, f)| Some((*t, sound.range(t - 50_000..=*t).next_back()?.1, f)));
+    let after = both.map(|(t, s, f)| (t as f64 * 1e-6, s, f)).filter(|(t_s, ..)| *t_s >= from_s);
     after.map(|(t_s, s, f)| (t_s, f64::hypot(f[0] - s[0], f[1] - s[1]), f[2])).collect()
 }
 
