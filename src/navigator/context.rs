@@ -66,7 +66,8 @@ impl Context<'_> {
         low || self.facts.resting || self.core.vehicle.disarmed()
     }
 
-    fn above_ground_m(&self) -> Option<f64> {
+    /// How high it is above the ground, where that is known, m.
+    pub(super) fn above_ground_m(&self) -> Option<f64> {
         self.core.height.height_m().zip(self.facts.ground).map(|(height, ground)| height - ground.height_m)
     }
 

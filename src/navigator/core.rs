@@ -271,6 +271,11 @@ impl Core {
         self.change_mode(now, Mode::Holdover, TransitionReason::GnssLost(fault));
     }
 
+    /// What the filter takes the magnetometer to be biased by, body, T.
+    pub(super) fn magnetic_bias(&self) -> Vector3<f64> {
+        self.estimator.filter_state().map_or(Vector3::zeros(), |state| state.magnetic_bias)
+    }
+
     /// The estimate moves to a fix at once; the published position stays and glides after it.
     pub(super) fn go_to(&mut self, now: AutopilotTime, reading: &FixReading) {
         let Some((before, _)) = self.estimator.estimate() else { return };

@@ -6,7 +6,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use crate::altimeter::Channel;
 use crate::geo::STANDARD_GRAVITY_MPS2;
@@ -14,7 +14,7 @@ use crate::sample::MagSample;
 use crate::time::AutopilotTime;
 
 use super::Mode;
-use super::context::SourceFacts;
+use super::context::{Context, SourceFacts};
 use super::core::Core;
 use super::event::TransitionReason;
 use super::height::HeightReading;
@@ -93,12 +93,12 @@ pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &Heig
     }
 }
 
-/// A magnetic field, body, T, that has the strength of the place.
+/// A magnetic field of a magnetometer that nothing is held against: whether it turns in the body as the gyros say.
 pub(super) fn hear_field(core: &mut Core, s: &MagSample) {
     if core.witnesses.inertia.is_out() || core.mode == Mode::Aligning || core.estimator.is_settling() {
         return core.witnesses.field.forget();
     }
-    let bias = core.estimator.filter_state().map_or(Vector3::zeros(), |state| state.magnetic_bias);
+    let bias = core.magnetic_bias();
     let timeline = &core.timeline;
     let turned = |since| Some(timeline.mean_rate(since, s.time)? * s.time.seconds_since(since));
     if core.witnesses.field.observe(s.time, &(s.field.raw() - bias), turned) {
@@ -142,7 +142,7 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
 /// Whether the vehicle is in the air, or as fast as if it were.
 pub(super) fn flies(core: &Core, facts: &SourceFacts) -> bool {
     let fast = core.estimator.estimate().is_some_and(|(_, v)| v.xy().norm() > FLIES_MPS);
-    let above_m = core.height.height_m().zip(facts.ground).map(|(height, ground)| height - ground.height_m);
+    let above_m = Context { core, facts: *facts }.above_ground_m();
     !facts.resting && (fast || above_m.is_some_and(|h| h > FLIES_M))
 }
 

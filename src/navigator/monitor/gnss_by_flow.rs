@@ -277,6 +277,7 @@ impl GnssByFlow {
         (f.walk_ne * seconds, before_m)
     }
 
+    /// A finding against what is usual in its window.
     fn weigh(&self, k: usize, f: &WalkFinding) -> WalkWeight {
         let usual = self.windows[k].usual;
         // Less than normal noise is no measure.

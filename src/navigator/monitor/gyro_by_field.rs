@@ -1,7 +1,7 @@
-//! The magnetic field as a witness of the gyros: an axis of the wrong sign or scale.
+//! The magnetic field as a witness of the gyros: an axis of the wrong sign, or of far less than its scale.
 //!
 //! A field that is at rest turns in the body by ḃ = −ω × b. Where the gyros tell ω and the vehicle turns by (I + diag g) ω, the field b that comes after a turn of
-//! θ = ω Δt differs from what they make of the last one by r = Σ gᵢ θᵢ (b × eᵢ). Over the last [`BLOCKS`] blocks g is found by least squares. An axis is wrong where it
+//! θ = ω Δt differs from what they make of the last one by r = Σ gᵢ θᵢ (b × eᵢ). Over the last [`BLOCKS`] blocks gᵢ is found by least squares, axis by axis. An axis is wrong where it
 //! alone explains most of what Σ|r|² is more than usual, by a gain that no iron, current or latency makes, in a turn that was large enough, and
 //! not by one block: a magnetometer that steps does so once. What stands still in the body has all gains at −1, and where that fits as well it is the magnetometer's fault.
 
@@ -9,8 +9,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::geo::so3;
 use crate::navigator::tuning::gyro_by_field::{
-    BLOCK_S, BLOCKS, CLIPPED, DEAD, EXPLAINS, GAIN, HOLE_S, LEAST_NOISE, LEAST_TURN, NOISE_GAIN, ONE_BLOCK,
-    RIVAL, SIGMAS, SUSPECTED,
+    BLOCK_S, BLOCKS, CLIPPED, EXPLAINS, HOLE_S, LEAST_NOISE, LEAST_TURN, NOISE_GAIN, ONE_BLOCK, RIVAL,
+    SIGMAS, SOUND, SUSPECTED,
 };
 use crate::time::AutopilotTime;
 
@@ -31,7 +31,7 @@ struct AxisFinding {
     explained: f64,
     unusual: f64,
     by_standing: f64,
-    /// Σ θ², rad².
+    /// What it should have turned the field by, Σ θ² |b × e|², rad².
     turn: f64,
     /// The largest |r|².
     largest: f64,
@@ -115,8 +115,8 @@ impl GyroByField {
     fn judge(&mut self, newest: &Vector3<f64>) -> bool {
         let findings = [0, 1, 2].map(|axis| self.finding(axis));
         let wrong = |f: &AxisFinding, part: f64| {
-            let gain = f.gain.abs() > GAIN && !DEAD.contains(&f.gain);
-            gain && f.turn > LEAST_TURN * LEAST_TURN
+            !SOUND.contains(&f.gain)
+                && f.turn > LEAST_TURN * LEAST_TURN
                 && f.explained > part * f.unusual
                 && f.unusual - f.by_standing > RIVAL * (f.unusual - f.explained)
                 && 3.0 * f.explained > SIGMAS * SIGMAS * self.noise
@@ -134,11 +134,9 @@ impl GyroByField {
     }
 
     fn finding(&self, axis: usize) -> AxisFinding {
-        let (mut square, mut vector, mut whole, mut turn, mut largest) = (0.0, 0.0, 0.0, 0.0, 0.0f64);
-        let mut by_standing = 0.0;
+        let (mut vector, mut whole, mut turn, mut largest, mut by_standing) = (0.0, 0.0, 0.0, 0.0f64, 0.0);
         for block in &self.blocks[..self.filled] {
             let column = block.turned.column(axis);
-            square += column.norm_squared();
             vector += column.dot(&block.rest);
             whole += block.rest.norm_squared();
             largest = largest.max(block.rest.norm_squared());
@@ -146,7 +144,7 @@ impl GyroByField {
             let all = block.turned.column_sum();
             by_standing -= all.dot(&(block.rest * 2.0 + all));
         }
-        let gain = if square > 0.0 { vector / square } else { 0.0 };
+        let gain = if turn > 0.0 { vector / turn } else { 0.0 };
         let unusual = (whole - self.noise * self.filled as f64).max(0.0);
         AxisFinding { gain, explained: gain * vector, unusual, by_standing, turn, largest }
     }

@@ -134,8 +134,7 @@ impl MagnetometerSource {
     fn learn_noise(&mut self, s: &MagSample, context: &Context<'_>) {
         if self.noise.is_due(s.time) {
             let core = context.core;
-            let bias = core.estimator.filter_state().map_or(Vector3::zeros(), |state| state.magnetic_bias);
-            let field = s.field.raw() - bias;
+            let field = s.field.raw() - core.magnetic_bias();
             self.noise.observe(
                 s.time,
                 &field,
@@ -201,10 +200,9 @@ impl MagnetometerSource {
         if !known || self.contradicted.is_some() {
             return self.steps.forget();
         }
-        let bias = core.estimator.filter_state().map_or(Vector3::zeros(), |state| state.magnetic_bias);
         let heard = ComparedField {
             time: s.time,
-            field: s.field.raw() - bias,
+            field: s.field.raw() - core.magnetic_bias(),
             rate: core.attitude.angular_rate_body.norm(),
             r_body_to_ned: attitude,
             // What an axis of the gyros makes of a turn is not the compass' fault.

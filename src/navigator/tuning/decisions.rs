@@ -319,10 +319,9 @@ pub(in crate::navigator) mod gyro_by_field {
     pub(in crate::navigator) const CLIPPED: f64 = 4.0;
     pub(in crate::navigator) const NOISE_GAIN: f64 = 0.02;
     pub(in crate::navigator) const SIGMAS: f64 = 6.0;
-    /// A gain of more than this is neither iron nor latency, but one near this is a magnetometer that stands still.
-    pub(in crate::navigator) const GAIN: f64 = 0.7;
-    pub(in crate::navigator) const DEAD: std::ops::Range<f64> = -1.4..-0.5;
-    /// The turn about the axis, rad, root of the sum of squares.
+    /// Gains that may be iron, latency, or a magnetometer that stands still (−1).
+    pub(in crate::navigator) const SOUND: std::ops::RangeInclusive<f64> = -1.4..=0.7;
+    /// What the axis should have turned the field by, rad, root of the sum of squares.
     pub(in crate::navigator) const LEAST_TURN: f64 = 0.2;
     /// The axis explains this part of what does not fit where it is found, and where it is suspected; one block is no more than this part of it.
     pub(in crate::navigator) const EXPLAINS: f64 = 0.75;
