@@ -8,6 +8,10 @@
 //!
 //! and a Kalman filter for constants estimates x, with its covariance: what is not known well in the end (a vehicle that only
 //! hovered knows nothing of s) stays in the uncertainty of the dead reckoning. The noise is taken from the residuals themselves.
+//!
+//! The velocity v that it is compared with is noisy as well, and a regressor's noise passes for motion that the sensor does not see: in a hover s would go to −1
+//! (attenuation, Fuller 1987, *Measurement Error Models*, section 1.1: by 1 − σ²/v̄² of the slope). So s and μ learn by the part 1 − (c σ/|v|)² of
+//! Kalman's gain, |v| the velocity or its root mean square of late, whichever is less: nothing from a velocity that is none, and the covariance is that of the gain that was used (Joseph's form).
 
 mod memory;
 
@@ -32,6 +36,19 @@ pub struct CalibrationSettings {
     pub max_scale_error: f64,
     /// Largest bias that a working sensor can have, rad/s.
     pub max_bias_radps: f64,
+}
+
+/// The velocity that a sensor is compared with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReferenceVelocity {
+    /// Body x and y, m/s.
+    pub v_xy: Vector2<f64>,
+    /// Variance of its noise on an axis, m²/s².
+    pub variance: f64,
+    /// It is measured anew after this, s: until then its noise is the same.
+    pub renewed_s: f64,
+    /// Covariance of what is wrong with the comparison for some time (a heading that is not yet known turns the velocity), m²/s².
+    pub lasting: Matrix2<f64>,
 }
 
 /// Why a flow sensor must not carry the vehicle.
@@ -82,6 +99,8 @@ const STATISTICS_S: f64 = 20.0;
 const LASTING_S: f64 = 20.0;
 /// Comparison needed before a sensor is believed, s.
 const ENOUGH_S: f64 = 5.0;
+/// A velocity of this many sigmas of its noise on an axis is none, c: noise is beyond once in 3000 times, and what is learned from twice of it is wrong by 3 %.
+const NO_MOTION: f64 = 4.0;
 /// Residuals beyond this many sigmas teach nothing.
 const GATE: f64 = 5.0;
 
@@ -109,16 +128,14 @@ impl FlowCalibration {
         Matrix2x4::new(distance_m, 0.0, v_xy.x, -v_xy.y, 0.0, distance_m, v_xy.y, v_xy.x)
     }
 
-    /// Compares a flow velocity with the velocity that GNSS gives, both body x and y, m/s. `noise` is the covariance of the flow
-    /// velocity as the solve states it at `distance_m` from the ground, `lasting` that of what is wrong with the comparison for some time (a heading that is not yet
-    /// known turns the GNSS velocity), `interval_s` the time since the last one. Returns the residual over its sigma.
+    /// Compares a flow velocity, body x and y, m/s, with a `reference`. `noise` is the covariance of the flow velocity as the solve states it at `distance_m` from
+    /// the ground, `interval_s` the time since the last one. Returns the residual over its sigma.
     pub fn compare(
         &mut self,
         flow_xy: &Vector2<f64>,
-        gnss_xy: &Vector2<f64>,
+        reference: &ReferenceVelocity,
         distance_m: f64,
         noise: &Matrix2<f64>,
-        lasting: &Matrix2<f64>,
         interval_s: f64,
     ) -> f64 {
         let s = self.settings;
@@ -126,11 +143,14 @@ impl FlowCalibration {
         for (i, walk) in [s.bias_walk, s.bias_walk, s.scale_walk, s.scale_walk].into_iter().enumerate() {
             self.p[(i, i)] += walk * walk * dt;
         }
-        let h = Self::jacobian(gnss_xy, distance_m);
-        let residual = flow_xy - gnss_xy - h * self.x;
-        let explained = noise + lasting + h * self.p * h.transpose();
+        let ReferenceVelocity { v_xy, variance, renewed_s, lasting } = reference;
+        let h = Self::jacobian(v_xy, distance_m);
+        let residual = flow_xy - v_xy - h * self.x;
+        let own = Matrix2::identity() * *variance;
+        let explained = noise + own + lasting + h * self.p * h.transpose();
         // An error that lasts is in many samples the same: together they tell no more than one.
-        let r = noise * self.excess.max(1.0) + lasting * (LASTING_S / dt.max(1e-3)).max(1.0);
+        let same = |seconds: f64| (seconds / dt.max(1e-3)).max(1.0);
+        let r = noise * self.excess.max(1.0) + own * same(*renewed_s) + lasting * same(LASTING_S);
         let innovation_cov = r + h * self.p * h.transpose();
         let Some(factor) = innovation_cov.cholesky() else { return f64::INFINITY };
         let normalised = residual.dot(&factor.solve(&residual)).max(0.0).sqrt();
@@ -142,14 +162,17 @@ impl FlowCalibration {
         // Limited, so that one outlier does not open the gate for the next.
         let relative = (residual.norm_squared() / explained.trace().max(1e-12)).min(50.0);
         self.excess += forget * (relative - self.excess);
-        self.mean += (gnss_xy - self.mean) * forget;
+        self.mean += (v_xy - self.mean) * forget;
         self.mean_distance += (distance_m - self.mean_distance) * forget;
-        self.signal += forget * (gnss_xy.norm_squared() - self.signal);
-        self.residual += forget * (residual.norm_squared() - noise.trace() - self.residual);
+        self.signal += forget * (v_xy.norm_squared() - self.signal);
+        self.residual += forget * (residual.norm_squared() - (noise + own).trace() - self.residual);
         if normalised > GATE {
             return normalised;
         }
-        let k = factor.solve(&(h * self.p)).transpose();
+        let mut k = factor.solve(&(h * self.p)).transpose();
+        // Of late as well as now: who only looks at the single velocity picks those that noise has made large.
+        let moves = 1.0 - NO_MOTION * NO_MOTION * variance / v_xy.norm_squared().min(self.signal).max(1e-12);
+        k.fixed_rows_mut::<2>(2).scale_mut(moves.clamp(0.0, 1.0));
         let i_kh = Matrix4::identity() - k * h;
         self.x += k * residual;
         self.p = i_kh * self.p * i_kh.transpose() + k * r * k.transpose();
@@ -233,6 +256,10 @@ mod tests {
 
     const DISTANCE_M: f64 = 10.0;
 
+    fn exact(v_xy: Vector2<f64>) -> ReferenceVelocity {
+        ReferenceVelocity { v_xy, variance: 0.0, renewed_s: 0.0, lasting: Matrix2::zeros() }
+    }
+
     fn fly(seed: u64, truth: Vector4<f64>, speed: f64, sign: f64) -> FlowCalibration {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut c = FlowCalibration::new(settings());
@@ -241,7 +268,7 @@ mod tests {
             let v = Vector2::new(a.cos(), (0.7 * a).sin()) * speed;
             let noise = Vector2::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5));
             let flow = (v + FlowCalibration::jacobian(&v, DISTANCE_M) * truth) * sign + noise;
-            c.compare(&flow, &v, DISTANCE_M, &(Matrix2::identity() / 12.0), &Matrix2::zeros(), 0.05);
+            c.compare(&flow, &exact(v), DISTANCE_M, &(Matrix2::identity() / 12.0), 0.05);
         }
         c
     }
@@ -269,7 +296,8 @@ mod tests {
         let turned = Vector2::new(27.0 * 0.1f64.cos(), 27.0 * 0.1f64.sin());
         let lasting = Matrix2::new(0.0, 0.0, 0.0, (27.0f64 * 0.1).powi(2));
         for _ in 0..100 {
-            c.compare(&v, &turned, DISTANCE_M, &(Matrix2::identity() * 0.25), &lasting, 0.1);
+            let reference = ReferenceVelocity { lasting, ..exact(turned) };
+            c.compare(&v, &reference, DISTANCE_M, &(Matrix2::identity() * 0.25), 0.1);
         }
         assert!(
             (DISTANCE_M * c.estimate()[1]).hypot(27.0 * c.estimate()[3]) < 27.0 * 0.1,
@@ -289,6 +317,35 @@ mod tests {
     fn a_hover_teaches_nothing_of_the_scale() {
         let c = fly(1, Vector4::zeros(), 0.0, 1.0);
         assert!(c.covariance()[(2, 2)].sqrt() > 0.09);
+    }
+
+    /// Noise of GNSS is no motion: near the ground the flow knows better than GNSS that the vehicle stands, and slowly as it flies its scale is not bent.
+    #[test]
+    fn noise_of_the_reference_is_not_learned_as_scale() {
+        for (speed, distance_m) in [(0.0, 0.5), (0.0, 10.0), (0.3, 2.0), (1.0, 2.0), (4.0, 10.0)] {
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+            let mut noise = |sigma: f64| {
+                let mut sum = || (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>() * sigma;
+                Vector2::new(sum(), sum())
+            };
+            let (mut c, flow_sigma) = (FlowCalibration::new(settings()), 0.04 * distance_m);
+            let mut wrong = Vector2::zeros();
+            for k in 0..2400 {
+                let a = f64::from(k) * 0.01;
+                let v = Vector2::new(a.cos(), (0.7 * a).sin()) * speed;
+                if k % 4 == 0 {
+                    wrong = noise(0.1);
+                }
+                let reference =
+                    ReferenceVelocity { v_xy: v + wrong, variance: 0.01, renewed_s: 0.2, ..exact(v) };
+                let of_flow = Matrix2::identity() * flow_sigma * flow_sigma;
+                c.compare(&(v * 0.9 + noise(flow_sigma)), &reference, distance_m, &of_flow, 0.05);
+            }
+            let (scale, sigma) = (c.estimate()[2], c.covariance()[(2, 2)].sqrt());
+            // Nothing is known of what is not seen.
+            assert!((scale + 0.1).abs() < 2.5 * sigma + 0.02, "{speed}: {scale} {sigma}");
+            assert!(if speed < 0.5 { sigma > 0.08 } else { sigma < 0.08 }, "{speed}: {sigma}");
+        }
     }
 
     #[test]

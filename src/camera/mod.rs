@@ -29,7 +29,7 @@ mod robust;
 pub mod single_patch;
 pub mod stacked;
 
-pub use calibration::{CalibrationMemory, CalibrationSettings, Distrust, FlowCalibration};
+pub use calibration::{CalibrationMemory, CalibrationSettings, Distrust, FlowCalibration, ReferenceVelocity};
 pub use features::{Feature, View, ground_point, interaction_matrix};
 pub use patch_table::{MAX_PATCHES, PatchCentre, PatchTable};
 pub use refusal::FlowRefusal;

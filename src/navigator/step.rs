@@ -178,7 +178,9 @@ impl Navigator {
             self.feel_landmarks(s, dt, &facts);
             facts = self.sources.facts(&self.core);
         }
+        let on_ground = Context { core: &self.core, facts }.on_ground();
         let core = &mut self.core;
+        core.stream.stands(on_ground);
         core.estimator.observer_mut().injected(s.time, dt, report, &core.settings.observer);
         inertia::judge_speed(core, s.time);
         inertia::judge_axes(core, s.time, &facts);

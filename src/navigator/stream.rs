@@ -17,6 +17,8 @@ pub(super) struct ImuStream {
     /// Since when it has told the same.
     same_since: Option<AutopilotTime>,
     axes: AxisWatch,
+    /// The vehicle stood on the ground when a sample was last navigated on: there a coarse IMU may repeat itself.
+    grounded: bool,
     /// Samples older than the newest, one after the other: the first and the last of them.
     behind: Option<(AutopilotTime, AutopilotTime)>,
 }
@@ -50,7 +52,12 @@ impl ImuStream {
         *self = Self { newest: Some(last.time), last: Some(last), ..Self::default() };
     }
 
-    /// Takes note of a sample. `disarmed`: on the ground a coarse IMU may repeat itself.
+    /// Whether the vehicle stands on the ground, or may.
+    pub(super) fn stands(&mut self, on_ground: bool) {
+        self.grounded = on_ground;
+    }
+
+    /// Takes note of a sample. `disarmed`: it stands on the ground, whatever it looks like.
     pub(super) fn hear(&mut self, s: &ImuSample, disarmed: bool, max_gap_s: f64) -> Heard {
         let possible = |v: &Vector3<f64>| v.iter().all(|c| c.abs() < POSSIBLE);
         if !possible(&s.angular_rate.raw()) || !possible(&s.specific_force.raw()) {
@@ -69,11 +76,12 @@ impl ImuStream {
             return self.hear_old(s.time, max_gap_s);
         }
         self.behind = None;
-        if self.is_stuck(s, disarmed) {
+        let grounded = disarmed || self.grounded;
+        if self.is_stuck(s, grounded) {
             return Heard::Refused(Reason::Stuck);
         }
         if self.same_since.is_none() {
-            self.axes.hear(s, !disarmed);
+            self.axes.hear(s, !grounded);
         }
         self.newest = Some(s.time);
         Heard::Next(dt)
@@ -103,7 +111,7 @@ impl ImuStream {
     }
 
     /// Whether the IMU repeats itself for longer than one does that is in the air.
-    fn is_stuck(&mut self, s: &ImuSample, disarmed: bool) -> bool {
+    fn is_stuck(&mut self, s: &ImuSample, grounded: bool) -> bool {
         let Some(last) = self.last.filter(|last| {
             last.angular_rate.raw() == s.angular_rate.raw()
                 && last.specific_force.raw() == s.specific_force.raw()
@@ -112,7 +120,7 @@ impl ImuStream {
             return false;
         };
         let since = *self.same_since.get_or_insert(last.time);
-        !disarmed && s.time.seconds_since(since) > STUCK_S
+        !grounded && s.time.seconds_since(since) > STUCK_S
     }
 
     /// The sample is navigated on; what it says of the interval before it: with `instantaneous` samples the mean of the interval's two
@@ -137,5 +145,34 @@ impl ImuStream {
         if reset.sets_clock_back() {
             self.same_since = None;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geo::Body;
+
+    /// Gyros that stand still to their resolution beside accelerometers that do not, from 5 s on; whether an axis is stuck then.
+    fn calm(on_ground: bool) -> bool {
+        let mut stream = ImuStream::default();
+        for k in 0..1000 {
+            let noise = |n: i64| ((k * 7919 + n * 104_729) % 997) as f64 / 997.0 - 0.5;
+            let v = |n| Vector3::new(noise(n), noise(n + 1), noise(n + 2));
+            let s = ImuSample {
+                time: AutopilotTime::from_micros(k * 10_000),
+                angular_rate: Body::new(if k < 500 { v(1) } else { Vector3::zeros() }),
+                specific_force: Body::new(v(4)),
+            };
+            stream.stands(on_ground && k >= 400);
+            assert!(!matches!(stream.hear(&s, false, 0.5), Heard::Refused(_)));
+        }
+        stream.has_stuck_axis()
+    }
+
+    #[test]
+    fn gyros_that_are_calm_to_their_resolution_are_stuck_in_the_air_alone() {
+        assert!(!calm(true));
+        assert!(calm(false));
     }
 }

@@ -40,6 +40,10 @@ impl Axis {
             if self.run >= AXIS_LEAST_RUN {
                 self.moves = 0;
             }
+            if !flies {
+                // A run counts from where it should have ended.
+                (self.run, self.since) = (1, Some(now));
+            }
             return;
         }
         if self.since.is_some() && !self.stuck && flies {

@@ -132,6 +132,7 @@ impl Navigator {
             return Verdict::Rejected(Reason::NotFinite);
         }
         let Some(now) = self.core.stream.newest() else { return Verdict::Rejected(Reason::NoReferenceYet) };
+        let s = &self.sources.gnss.sift(s);
         let mut switched = false;
         match self.sources.gnss.select(s) {
             ReceiverChoice::Same => {}
@@ -416,6 +417,9 @@ impl Navigator {
         let gnss = &mut self.sources.gnss;
         let doubted = gnss.witness.doubts() || self.core.dead_reckoning();
         self.sources.flow.testify(&measured, index, &mut gnss.travel, doubted, &context);
+        if let Some(by) = gnss.travel.take_recalibration() {
+            gnss.witness.recalibrate(&by);
+        }
         let taken = match self.core.mode {
             Mode::Aligning => {
                 self.sources.flow.hold_direction(&measured, index, &context);

@@ -3,7 +3,7 @@
 //! The flow is calibrated against GNSS. A receiver that walks off would teach it to agree, so what testifies is the calibration that was in
 //! force half a minute to a minute before, and none newer while GNSS is doubted.
 
-use nalgebra::{Matrix2x4, Matrix4, Vector2};
+use nalgebra::{Matrix2x4, Matrix4, Vector2, Vector4};
 
 use crate::camera::FlowCalibration;
 use crate::time::AutopilotTime;
@@ -32,6 +32,11 @@ pub(in super::super) struct FlowPlace {
 }
 
 impl FlowPlace {
+    /// The same by another calibration, where `reached` is what the sensitivity has added up to when it took over.
+    pub(in super::super) fn recalibrated(&self, by: &Recalibration) -> Self {
+        Self { travelled_ne: self.travelled_ne + (by.reached - self.sensitivity) * by.change, ..*self }
+    }
+
     /// `seconds` later, at the same velocity.
     fn later(&self, seconds: f64) -> Self {
         Self {
@@ -40,6 +45,15 @@ impl FlowPlace {
             ..*self
         }
     }
+}
+
+/// Another calibration testifies: v̂ − v = J (x − x̂), so that what was travelled by the old x̂ would have been by J Δx̂ less by the new one.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Recalibration {
+    /// Δx̂, of [b_x, b_y, s, μ].
+    pub(in super::super) change: Vector4<f64>,
+    /// ∫J dt, where it took over: what was travelled to there stays.
+    reached: Matrix2x4<f64>,
 }
 
 /// See the module's documentation.
@@ -51,11 +65,19 @@ pub(in super::super) struct FlowTravel {
     /// Newest last.
     places: Vec<FlowPlace>,
     stretch: u32,
+    /// Another testifies since this was asked for.
+    recalibrated: Option<Recalibration>,
 }
 
 impl FlowTravel {
     pub(in super::super) fn new() -> Self {
-        Self { old: None, young: None, places: Vec::with_capacity(REMEMBERED), stretch: 0 }
+        Self {
+            old: None,
+            young: None,
+            places: Vec::with_capacity(REMEMBERED),
+            stretch: 0,
+            recalibrated: None,
+        }
     }
 
     /// The calibration that testifies at `now`, given the one in force. It moves on with time, unless GNSS is `doubted`. `None` until it is
@@ -71,9 +93,22 @@ impl FlowTravel {
             // What was learned since may be the lie.
             *since = now;
         } else if now.seconds_since(*since) > FREEZE_S {
-            self.old = self.young.replace((now, in_force.clone())).map(|(_, calibration)| calibration);
+            let next = self.young.replace((now, in_force.clone())).map(|(_, calibration)| calibration);
+            let before = std::mem::replace(&mut self.old, next);
+            if let Some((before, old)) = before.as_ref().zip(self.old.as_ref()) {
+                let change = old.estimate() - before.estimate();
+                let reached = self.places.last().map_or(Matrix2x4::zeros(), |p| p.sensitivity);
+                let by = Recalibration { change, reached };
+                self.places.iter_mut().for_each(|place| *place = place.recalibrated(&by));
+                self.recalibrated = Some(by);
+            }
         }
         self.old.as_ref()
+    }
+
+    /// Whether another calibration testifies since this was asked.
+    pub(in super::super) fn take_recalibration(&mut self) -> Option<Recalibration> {
+        self.recalibrated.take()
     }
 
     /// The calibration that testifies: what the flow is worth if GNSS has lied since.

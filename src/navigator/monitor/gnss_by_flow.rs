@@ -1,23 +1,27 @@
 //! GNSS against optical flow: does a difference of their velocities lie in the flow, or in the receiver?
 //!
-//! Over a second what the positions have moved and what the flow has travelled differ by y = w + J x + e: w is what the receiver walks by, constant in north and east; x what the
-//! flow's calibration [b_x, b_y, s, μ] is wrong by, constant in the body and, but for the bias, in proportion to the speed. Over windows of
+//! Over a second what the positions have moved and what the flow has travelled differ by y = w t + J x + e: w is what the receiver walks by, constant in north and east; x what the
+//! flow's calibration [b_x, b_y, s, μ] is wrong by, constant in the body and, but for the bias, in proportion to the speed; e the flow's noise, which adds up, and that
+//! of the positions at both ends, which does not: E e_k² = q t + 2 R and E e_k e_{k−1} = −R, both measured ([`NoiseAndWalk`], of the differences of what successive times have
+//! moved by, in which no constant is left). Least squares is of e made white by the innovations algorithm (Brockwell and Davis 1991,
+//! *Time Series: Theory and Methods*, section 5.2). Over windows of
 //! some seconds, three hypotheses are compared by what they explain of Σ|y|²/σ² (generalised likelihood ratios, Basseville and Nikiforov
 //! 1993, section 2.4.3, with Gaussian priors): the calibration is as well known as it says; besides, the receiver walks off; or the flow
 //! has changed beyond anything that it says. Accused is the receiver where its walk explains more than is usual ([`UsualSpread`]), more than the
 //! flow's change could, and most of what there is to explain. A hover shows it at once, a straight flight only with its next turn: until
 //! then it may be the flow's scale.
 
-use nalgebra::{Matrix2x4, Matrix4, Matrix6, Vector2, Vector6};
+use nalgebra::{Matrix2x4, Matrix4, Matrix6, SMatrix, Vector2, Vector6};
 
+use crate::filter::NoiseAndWalk;
 use crate::time::AutopilotTime;
 
-use super::flow_travel::FlowPlace;
+use super::flow_travel::{FlowPlace, Recalibration};
 use super::usual::UsualSpread;
 use crate::navigator::tuning::gnss_by_flow::{
     BLOCK_S, BLOCKS, CHANGED, CLEAR_OF, DECADES, DOUBT_DECADES, FIRM, FIX_HOLE_S, GRAVE_DECADES, JUMP_M,
-    LEAST_MPS, LEAST_PART, LEAST_SIGMA_MPS, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_GAIN, ONSETS, RESTORED,
-    RIVAL, SPREAD, START_SIGMA_MPS, WALK_SIGMA_MPS, WANDER, WINDOWS,
+    LEAST_GROWTH, LEAST_MPS, LEAST_PART, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_MEMORY_S, NOISE_SPANS, ONSETS,
+    RESTORED, RIVAL, SPREAD, START_GROWTH, START_VARIANCE, WALK_SIGMA_MPS, WANDER, WINDOWS,
 };
 
 /// What blocks can cover, s; and a walk shows in two of the shorter windows if it does, s.
@@ -44,6 +48,8 @@ struct WitnessBlock {
     /// What GNSS moved by more than the flow, NE, m.
     gap_ne: Vector2<f64>,
     sensitivity: Matrix2x4<f64>,
+    /// It begins where the one before has ended.
+    follows: bool,
 }
 
 impl WitnessBlock {
@@ -104,8 +110,8 @@ pub(in super::super) struct GnssByFlow {
     /// Newest last.
     blocks: Vec<WitnessBlock>,
     windows: [WitnessWindow; WINDOWS.len()],
-    /// Variance of a block on an axis, from differences of successive ones, m²/s².
-    variance: f64,
+    /// R, m², and q, m²/s, on an axis.
+    noise: NoiseAndWalk,
     doubted: bool,
     /// How far it may have led, NE, m, while that is grave and not beyond doubt.
     may_have_led: Vector2<f64>,
@@ -122,7 +128,7 @@ impl GnssByFlow {
             open: WitnessBlock::default(),
             blocks: Vec::with_capacity(BLOCKS),
             windows: [window; WINDOWS.len()],
-            variance: START_SIGMA_MPS * START_SIGMA_MPS,
+            noise: NoiseAndWalk::expecting(START_VARIANCE, START_GROWTH, NOISE_MEMORY_S),
             doubted: false,
             may_have_led: Vector2::zeros(),
             walk: None,
@@ -152,6 +158,16 @@ impl GnssByFlow {
         let watched_s = self.blocks.len() as f64 * BLOCK_S;
         let watches = self.last.is_some_and(|l| l.flow.is_some()) && watched_s >= seconds.min(LONGEST_S);
         seen && watches && seconds > CLEARS_S && !self.doubts()
+    }
+
+    /// The calibration that testifies is another: what was seen is as it would have shown it.
+    pub(in super::super) fn recalibrate(&mut self, by: &Recalibration) {
+        for block in self.blocks.iter_mut().chain(std::iter::once(&mut self.open)) {
+            block.gap_ne -= block.sensitivity * by.change;
+        }
+        if let Some(last) = &mut self.last {
+            last.flow = last.flow.map(|place| place.recalibrated(by));
+        }
     }
 
     /// What comes is not comparable with what was.
@@ -186,6 +202,7 @@ impl GnssByFlow {
         let pair = last.flow.zip(flow).filter(|(a, b)| a.stretch == b.stretch);
         let Some(((a, b), known)) = pair.zip(known).filter(|_| dt > 0.0 && dt < FIX_HOLE_S && flown_s > 0.0)
         else {
+            self.open.follows = false;
             return;
         };
         let moved = position_ne - last.position_ne;
@@ -203,7 +220,8 @@ impl GnssByFlow {
         // GNSS less flow: an error of the flow counts the other way.
         open.sensitivity -= (b.sensitivity - a.sensitivity) * (dt / flown_s);
         if open.seconds >= BLOCK_S {
-            let block = std::mem::take(open);
+            let next = WitnessBlock { follows: true, ..WitnessBlock::default() };
+            let block = std::mem::replace(open, next);
             self.close(block, known);
         }
     }
@@ -213,17 +231,29 @@ impl GnssByFlow {
             // So fast walks no receiver that the filter still follows: the flow does not see the ground.
             return self.blocks.clear();
         }
-        if let Some(before) = self.blocks.last() {
-            let squared = 0.25 * (block.rate() - before.rate()).norm_squared();
-            // A step counts once, and no more than tenfold.
-            let squared = squared.min(10.0 * self.variance);
-            self.variance += NOISE_GAIN * (squared - self.variance);
-        }
         if self.blocks.len() >= BLOCKS {
             self.blocks.remove(0);
         }
         self.blocks.push(block);
+        self.learn_noise(block.seconds);
         self.judge(known);
+    }
+
+    /// What n blocks have moved by less what the n before them have, squared: q t + 3 R, which [`NoiseAndWalk`] knows as 2 R′ + q t.
+    fn learn_noise(&mut self, dt: f64) {
+        for (at, n) in NOISE_SPANS.into_iter().enumerate() {
+            let span = |from: usize| -> (Vector2<f64>, f64) {
+                let blocks = self.newest(from + n).skip(from);
+                blocks.fold((Vector2::zeros(), 0.0), |(m, s), b| (m + b.gap_ne, s + b.seconds))
+            };
+            // Of two that are apart the ends' noises are not the same.
+            if self.blocks.len() < 2 * n || !self.newest(2 * n - 1).all(|b| b.follows) {
+                break;
+            }
+            let ((now, now_s), (before, before_s)) = (span(0), span(n));
+            let squared = (now - before * (now_s / before_s)).norm_squared();
+            self.noise.learn(at, dt, now_s, 0.25 * squared);
+        }
     }
 
     fn judge(&mut self, known: &Matrix4<f64>) {
@@ -346,13 +376,22 @@ impl GnssByFlow {
         if self.blocks.len() < n {
             return None;
         }
-        let variance = self.variance.max(LEAST_SIGMA_MPS * LEAST_SIGMA_MPS);
+        let (white, growth) = self.noise.parts();
+        let (white, growth) = (white / 1.5, growth.max(LEAST_GROWTH));
         let (mut information, mut vector, mut squares) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
-        for block in self.newest(n) {
-            let y = block.rate();
-            let mut g = nalgebra::Matrix2x6::zeros();
-            g.fixed_columns_mut::<2>(0).fill_with_identity();
-            g.fixed_columns_mut::<4>(2).copy_from(&(block.sensitivity / block.seconds));
+        // The last innovations [w x y] and their variance.
+        let (mut before, mut variance) = (SMatrix::<f64, 2, 7>::zeros(), f64::INFINITY);
+        for block in &self.blocks[self.blocks.len() - n..] {
+            let mut row = SMatrix::<f64, 2, 7>::zeros();
+            row.fixed_columns_mut::<2>(0).fill_diagonal(block.seconds);
+            row.fixed_columns_mut::<4>(2).copy_from(&block.sensitivity);
+            row.set_column(6, &block.gap_ne);
+            let shared = if block.follows { -white / variance } else { 0.0 };
+            row -= before * shared;
+            // v_k = γ_0 − γ_1²/v_{k−1}
+            variance = growth * block.seconds + white * (2.0 + shared);
+            before = row;
+            let (g, y) = (row.fixed_columns::<6>(0), row.column(6));
             information += g.tr_mul(&g) / variance;
             vector += g.tr_mul(&y) / variance;
             squares += y.norm_squared() / variance;
@@ -394,7 +433,7 @@ impl GnssByFlow {
 mod tests {
     use super::super::flow_travel::{FlowTestimony, FlowTravel};
     use super::*;
-    use crate::camera::{CalibrationSettings, FlowCalibration};
+    use crate::camera::{CalibrationSettings, FlowCalibration, ReferenceVelocity};
     use nalgebra::{Matrix2, Vector3};
 
     const HEIGHT_M: f64 = 8.0;
@@ -472,9 +511,11 @@ mod tests {
         let (mut travel, mut now) = (FlowTravel::new(), FlowCalibration::new(settings));
         let at = |s: i64| AutopilotTime::from_micros(s * 1_000_000);
         let v = Vector2::new(5.0, 0.0);
+        let reference =
+            ReferenceVelocity { v_xy: v, variance: 0.0, renewed_s: 0.0, lasting: Matrix2::zeros() };
         let mut testified = None;
         for s in 0..300 {
-            now.compare(&(v * 1.2), &v, HEIGHT_M, &(Matrix2::identity() * 0.01), &Matrix2::zeros(), 0.1);
+            now.compare(&(v * 1.2), &reference, HEIGHT_M, &(Matrix2::identity() * 0.01), 0.1);
             testified = travel.calibration(at(s), &now, s > 100).map(|c| c.estimate()[2]);
             assert_eq!(testified.is_none(), s <= 30, "{s}");
         }

@@ -234,6 +234,16 @@ impl GnssIntegrity {
         !self.trusted() && self.good_since.is_some()
     }
 
+    /// Variance of the velocity of good fixes about the estimate, an axis, m²/s².
+    pub fn velocity_variance(&self) -> f64 {
+        0.5 * self.velocity_ms
+    }
+
+    /// Mean time between two good fixes, s.
+    pub fn interval_s(&self) -> f64 {
+        self.interval_s
+    }
+
     /// Whether GNSS is trusted.
     pub fn trusted(&self) -> bool {
         self.state == GnssState::Trusted

@@ -42,6 +42,48 @@ impl UsualSpread {
     }
 }
 
+/// What is usual for the greatest of several statistics, each of them with the tail of a χ²: Gumbel's law, P(> x) = 1 − exp(−e^−(x − μ)/β), whose mean is
+/// μ + γ β and whose variance π² β²/6 (Gumbel 1958, *Statistics of Extremes*, section 5.2), as both are learned. Far out its tail is exponential, so that
+/// what is little known of β widens it as it does for [`UsualSpread`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) struct UsualPeak {
+    mean: f64,
+    variance: f64,
+    n: f64,
+}
+
+/// Euler's γ.
+const EULER: f64 = 0.577_215_664_901_532_9;
+
+impl UsualPeak {
+    /// Peaks of `mean` ± `deviation` are expected, as firmly as `n` of them would show it.
+    pub(in super::super) const fn expecting(mean: f64, deviation: f64, n: f64) -> Self {
+        Self { mean, variance: deviation * deviation, n }
+    }
+
+    /// The peak that is exceeded with a probability of 10^−`decades`.
+    pub(in super::super) fn limit(&self, decades: f64) -> f64 {
+        let beta = (6.0 * self.variance).sqrt() / std::f64::consts::PI;
+        self.mean + beta * (self.n * (10f64.powf(decades / self.n) - 1.0) - EULER)
+    }
+
+    /// The same, were β no less than the mean: peaks of a flight that has shown little so far say nothing of what it will show.
+    pub(in super::super) fn wide_limit(&self, decades: f64) -> f64 {
+        self.limit(decades).max(self.mean * self.n * (10f64.powf(decades / self.n) - 1.0))
+    }
+
+    /// Takes a peak that was usual; the last `memory` count.
+    pub(in super::super) fn learn(&mut self, peak: f64, memory: f64) {
+        if !peak.is_finite() {
+            return;
+        }
+        self.n = (self.n + 1.0).min(memory);
+        let (apart, gain) = (peak - self.mean, 1.0 / self.n);
+        self.mean += gain * apart;
+        self.variance += gain * ((1.0 - gain) * apart * apart - self.variance);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,6 +109,25 @@ mod tests {
         }
         let share = f64::from(beyond) / f64::from(trials);
         assert!((0.008..0.012).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn the_greatest_of_several_exceeds_its_limit_as_often_as_it_says() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let (mut beyond, trials) = (0, 4000);
+        for k in 0..trials {
+            let (several, scale) = (10 + k % 20, 1.0 + f64::from(k % 5));
+            let mut peak = || {
+                (0..several).map(|_| -2.0 * scale * rng.random_range(1e-12..1.0f64).ln()).fold(0.0, f64::max)
+            };
+            let mut usual = UsualPeak::expecting(8.0, 8.0, 2.0);
+            for _ in 0..60 {
+                usual.learn(peak(), 60.0);
+            }
+            beyond += i32::from(peak() > usual.limit(2.0));
+        }
+        let share = f64::from(beyond) / f64::from(trials);
+        assert!((0.004..0.014).contains(&share), "{share}");
     }
 
     #[test]

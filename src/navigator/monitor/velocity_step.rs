@@ -3,7 +3,7 @@
 //! With I the inertial acceleration that has added up, d = v_GNSS − I of an honest receiver is c + a t over some seconds: a is what tilt and biases are wrong
 //! by. A vehicle cannot change its velocity without a force, so that a step s at a time θ, d = c + a t + s·1(t > θ), is the receiver's. What a tilt or an accelerometer
 //! that goes wrong makes is a kink, d = c + a t + k·(t − θ)₊. Both are fitted by least squares for every θ of the last seconds; the step is a lie where it
-//! explains more than is usual for this receiver ([`UsualSpread`]), more than any kink does, and more than a heading that is off makes of the change of velocity.
+//! explains more than is usual for this receiver ([`UsualPeak`]), more than any kink does, and more than a heading that is off makes of the change of velocity.
 //!
 //! What is far from usual and not beyond doubt is no charge: how far it has led, if it is a lie, is a part of what is claimed of the position.
 //!
@@ -11,13 +11,14 @@
 //! the receiver is silent for a while; and for as long as it leads further off than the position is uncertain without it. Who was silent, or does no
 //! harm any more, is followed like any other, for nobody knows better, and the lie goes on as a doubt.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 
-use super::usual::UsualSpread;
+use super::step_fit::{FixWithImpulse, NUISANCES, VelocityStep, best_steps};
+use super::usual::UsualPeak;
 use crate::navigator::tuning::velocity_step::{
-    AT_ONCE, BACK, BACK_S, CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_S, FIRM, HOLE_S, KNOWN, LEARN_S, LEARNED,
-    LEAST_LED_M, LEAST_MPS, LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S, ONCE_S, PARTED_S,
-    SAMPLES, SPACING_S, SPREAD, START_NOISE_MPS, WINDOW_S, YOUNGEST_S,
+    AT_ONCE, BACK, BACK_S, BORNE_OUT_S, CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_S, FIRM, HOLE_S, KNOWN,
+    LEARN_S, LEARNED, LEAST_LED_M, LEAST_MPS, LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S,
+    ONCE_S, PARTED_S, PEAK, PEAK_DEVIATION, SAME_S, SAMPLES, SPACING_S, START_NOISE_MPS, WINDOW_S,
 };
 use crate::time::{AutopilotTime, Span};
 
@@ -52,33 +53,69 @@ pub(in super::super) struct VelocityLie {
 struct VelocityDoubt {
     lie: VelocityLie,
     until: AutopilotTime,
+    kind: DoubtKind,
+}
+
+/// How a doubt came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum DoubtKind {
+    /// A step that is too young to tell it from a manoeuvre: it has to be seen again when it is older.
+    Young,
+    /// A step that is far from usual.
+    Likely,
     /// It was beyond doubt, and nobody has disproven it.
-    charged: bool,
+    Charged,
 }
 
-/// A fix with its d.
+/// What a look at the last seconds shows: the best step, what it explains, what it leaves, and what of that is beyond the noise, as squares of sigmas.
 #[derive(Clone, Copy, Debug)]
-struct FixWithImpulse {
-    time: AutopilotTime,
-    difference: Vector2<f64>,
-    velocity: Vector2<f64>,
+struct StepLook {
+    begun: VelocityLie,
+    square: f64,
+    left: f64,
+    unexplained: f64,
+    /// Too small, or a kink.
+    is_none: bool,
 }
 
-impl FixWithImpulse {
-    /// I, which a lie is no part of.
-    fn impulse(&self) -> Vector2<f64> {
-        self.velocity - self.difference
+impl StepLook {
+    /// With a noise variance, (m/s)², and degrees of freedom.
+    fn of(step: &VelocityStep, noise: f64, degrees: f64) -> Self {
+        Self {
+            begun: VelocityLie { since: step.since, step: step.size },
+            square: step.gain / noise,
+            left: step.left / noise,
+            unexplained: (step.left / noise - degrees).max(0.0),
+            is_none: step.size.norm() <= LEAST_MPS || (step.gain - step.kink) / noise <= CLEAR_OF,
+        }
+    }
+
+    /// Whether it explains more than `limit`, and leaves less than that beyond the noise. Manoeuvres that are sampled badly leave more.
+    fn exceeds(&self, limit: f64) -> bool {
+        !self.is_none && self.square > limit && self.unexplained < self.square
     }
 }
 
-/// A step at a time.
+/// How much the best of all steps usually explains. The last one waits until nothing is suspected of it any more.
 #[derive(Clone, Copy, Debug)]
-struct VelocityStep {
-    since: AutopilotTime,
-    size: Vector2<f64>,
-    /// What it explains of Σ|d − c − a t|², (m/s)², and what it leaves.
-    gain: f64,
-    left: f64,
+struct UsualStep {
+    peak: UsualPeak,
+    pending: Option<f64>,
+}
+
+impl UsualStep {
+    fn learn(&mut self, square: Option<f64>) {
+        if let Some(square) = std::mem::replace(&mut self.pending, square) {
+            self.peak.learn(square.min(self.peak.limit(DECADES)), MEMORY);
+        }
+    }
+}
+
+/// A step that may be a lie, when that was first seen, and when it was.
+#[derive(Clone, Copy, Debug)]
+struct StepCandidate {
+    seen: AutopilotTime,
+    onset: AutopilotTime,
 }
 
 /// See the module's documentation.
@@ -91,10 +128,12 @@ pub(in super::super) struct VelocitySteps {
     noise: f64,
     /// How often it was seen.
     looks: u32,
-    usual: UsualSpread,
+    /// Of steps that are old enough, and of younger ones.
+    usual: [UsualStep; 2],
     learned: u32,
     learn_due: Option<AutopilotTime>,
     look_due: Option<AutopilotTime>,
+    candidate: Option<StepCandidate>,
     lie: Option<VelocityLie>,
     /// What may be one.
     doubt: Option<VelocityDoubt>,
@@ -109,10 +148,11 @@ impl VelocitySteps {
             epoch: 0,
             noise: START_NOISE_MPS * START_NOISE_MPS,
             looks: 0,
-            usual: UsualSpread::expecting(SPREAD, FIRM),
+            usual: [UsualStep { peak: UsualPeak::expecting(PEAK, PEAK_DEVIATION, FIRM), pending: None }; 2],
             learned: 0,
             learn_due: None,
             look_due: None,
+            candidate: None,
             lie: None,
             doubt: None,
             agrees_since: None,
@@ -161,7 +201,7 @@ impl VelocitySteps {
     /// Nothing is known of this receiver any more, or nothing that could judge it.
     pub(in super::super) fn forget(&mut self) {
         self.felt.clear();
-        (self.lie, self.doubt) = (None, None);
+        (self.lie, self.doubt, self.candidate) = (None, None, None);
         self.agrees_since = None;
     }
 
@@ -173,7 +213,7 @@ impl VelocitySteps {
             self.epoch = s.epoch;
         }
         if hole {
-            self.doubt = self.doubt.filter(|d| d.charged);
+            self.doubt = self.doubt.filter(|d| d.kind == DoubtKind::Charged);
             self.let_go(s.time);
         }
         if self.felt.last().is_some_and(|f| s.time.seconds_since(f.time) < SPACING_S) {
@@ -190,7 +230,7 @@ impl VelocitySteps {
         self.felt.retain(|f| s.time.seconds_since(f.time) < WINDOW_S);
         match self.lie {
             None if s.judged => self.judge(s),
-            None => self.doubt = self.doubt.filter(|d| d.charged && s.time < d.until),
+            None => self.doubt = self.doubt.filter(|d| d.kind == DoubtKind::Charged && s.time < d.until),
             Some(lie) => self.come_back(s, &lie),
         }
     }
@@ -200,42 +240,72 @@ impl VelocitySteps {
             return;
         }
         self.look_due = Some(s.time + Span::from_seconds(LOOK_S));
-        let Some((step, kink, plain)) = self.fit(s.time) else { return };
+        let Some(fit) = best_steps(&self.felt, s.time) else { return };
         let noise = self.noise.max(LEAST_NOISE_MPS * LEAST_NOISE_MPS);
-        let square = step.gain / noise;
-        let looks_like_it = step.size.norm() > LEAST_MPS && (step.gain - kink) / noise > CLEAR_OF;
-        let begun = VelocityLie { since: step.since, step: step.size };
-        if looks_like_it
-            && self.learned >= LEARNED
-            && step.left < LEAVES * step.gain
-            && square > self.usual.limit(DECADES)
-        {
-            (self.lie, self.doubt) = (Some(begun), None);
+        let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
+        let [old, young] = fit.steps.map(|step| Some(StepLook::of(&step?, noise, degrees)));
+        if old.is_some_and(|look| self.is_borne_out(s.time, &look)) {
+            (self.lie, self.doubt) = (old.map(|look| look.begun), None);
             self.agrees_since = None;
             return;
         }
-        self.doubt = self.doubt.filter(|d| s.time < d.until && !steps_back(&step, &d.lie));
-        if looks_like_it
-            && step.left < step.gain
-            && self.doubt.is_none()
-            && square > self.usual.limit(DOUBT_DECADES)
-        {
-            self.doubt = Some(VelocityDoubt::of(begun, begun.since, false));
+        let ends = |lie: &VelocityLie| fit.steps[0].is_some_and(|step| steps_back(&step, lie));
+        self.doubt = self.doubt.filter(|d| s.time < d.until && !ends(&d.lie));
+        let suspicious = |look: Option<StepLook>, usual: &UsualStep| {
+            look.filter(|look| look.exceeds(usual.peak.limit(DOUBT_DECADES)))
+        };
+        let [usual, usual_young] = &self.usual;
+        let suspects = [suspicious(old, usual), suspicious(young, usual_young)];
+        let first = self.doubt.is_none();
+        match suspects {
+            [Some(look), _] if first || self.doubt.is_some_and(|d| d.kind == DoubtKind::Young) => {
+                self.doubt = Some(VelocityDoubt::of(look.begun, look.begun.since, DoubtKind::Likely));
+            }
+            [None, Some(look)] if first => {
+                self.doubt = Some(VelocityDoubt::of(look.begun, look.begun.since, DoubtKind::Young));
+            }
+            _ => {}
         }
-        let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
+        // A step in sight is nothing usual, if it is one.
+        let in_sight = |d: VelocityDoubt| s.time.seconds_since(d.lie.since) < WINDOW_S;
+        if self.doubt.is_some_and(in_sight) {
+            self.usual.iter_mut().for_each(|usual| usual.pending = None);
+        } else {
+            self.learn(s.time, [old, young], fit.plain / degrees);
+        }
+    }
+
+    /// Whether a step is a lie: beyond doubt, and the same whenever it is looked at for a while. What a manoeuvre leaves is another at every look.
+    fn is_borne_out(&mut self, now: AutopilotTime, look: &StepLook) -> bool {
+        let beyond = self.learned >= LEARNED
+            && look.exceeds(self.usual[0].peak.wide_limit(DECADES))
+            && look.left < LEAVES * look.square;
+        let same = |c: &StepCandidate| look.begun.since.seconds_since(c.onset).abs() < SAME_S;
+        self.candidate = beyond.then(|| {
+            let known = self.candidate.filter(same);
+            known.unwrap_or(StepCandidate { seen: now, onset: look.begun.since })
+        });
+        self.candidate.is_some_and(|c| now.seconds_since(c.seen) > BORNE_OUT_S)
+    }
+
+    fn learn(&mut self, now: AutopilotTime, looks: [Option<StepLook>; 2], mean_square: f64) {
         self.looks = self.looks.saturating_add(1);
         let gain = NOISE_GAIN.max(1.0 / f64::from(self.looks + 1));
-        self.noise += gain * ((plain / degrees).min(9.0 * noise) - self.noise);
-        if self.learn_due.is_none_or(|due| s.time >= due) {
-            self.learn_due = Some(s.time + Span::from_seconds(LEARN_S));
+        let most = 9.0 * self.noise.max(LEAST_NOISE_MPS * LEAST_NOISE_MPS);
+        self.noise += gain * (mean_square.min(most) - self.noise);
+        if self.learn_due.is_none_or(|due| now >= due) {
+            self.learn_due = Some(now + Span::from_seconds(LEARN_S));
             self.learned = self.learned.saturating_add(1);
-            self.usual.learn(square.min(self.usual.limit(DECADES)), MEMORY);
+            for (usual, look) in self.usual.iter_mut().zip(looks) {
+                usual.learn(look.map(|look| look.square));
+            }
         }
     }
 
     /// Whether the lie has ended.
     fn come_back(&mut self, s: &FeltVelocity, lie: &VelocityLie) {
-        let stepped_back = self.fit(s.time).is_some_and(|(step, ..)| steps_back(&step, lie));
+        let fit = best_steps(&self.felt, s.time).and_then(|fit| fit.steps[0]);
+        let stepped_back = fit.is_some_and(|step| steps_back(&step, lie));
         // What carries knows better than half the step.
         let known = s.sigma < KNOWN * lie.step.norm();
         let agrees = s.error.is_some_and(|e| known && e.norm() < BACK * lie.step.norm());
@@ -252,134 +322,21 @@ impl VelocitySteps {
     /// The receiver is as good as any other evidence, and not disproven.
     fn let_go(&mut self, now: AutopilotTime) {
         if let Some(lie) = self.lie.take() {
-            self.doubt = Some(VelocityDoubt::of(lie, now, true));
+            self.doubt = Some(VelocityDoubt::of(lie, now, DoubtKind::Charged));
         }
-    }
-
-    /// The best step, what the best kink explains, and what neither leaves, (m/s)².
-    fn fit(&self, now: AutopilotTime) -> Option<(VelocityStep, f64, f64)> {
-        let first = self.felt.first()?;
-        if now.seconds_since(first.time) < 0.6 * WINDOW_S {
-            return None;
-        }
-        let rest = Residuals::of(&self.felt)?;
-        let plain = rest.of_differences.iter().map(Vector2::norm_squared).sum::<f64>();
-        let mut best: Option<VelocityStep> = None;
-        let mut kink = 0.0f64;
-        for onset in self.felt.windows(2) {
-            let (before, since) = (onset[0].time, onset[1].time);
-            if !(YOUNGEST_S..OLDEST_S).contains(&now.seconds_since(since)) {
-                continue;
-            }
-            let bend = |f: &FixWithImpulse| f.time.seconds_since(before).max(0.0);
-            kink = kink.max(rest.explained(&self.felt, bend).1);
-            let (size, gain) = rest.explained(&self.felt, |f| f64::from(u8::from(f.time >= since)));
-            if best.is_none_or(|b| gain > b.gain) {
-                best = Some(VelocityStep { since: before, size, gain, left: (plain - gain).max(0.0) });
-            }
-        }
-        Some((best?, kink, plain))
     }
 }
 
 impl VelocityDoubt {
-    fn of(lie: VelocityLie, from: AutopilotTime, charged: bool) -> Self {
-        Self { lie, until: from + Span::from_seconds(DOUBT_S), charged }
+    fn of(lie: VelocityLie, from: AutopilotTime, kind: DoubtKind) -> Self {
+        let for_s = if kind == DoubtKind::Young { OLDEST_S } else { DOUBT_S };
+        Self { lie, until: from + Span::from_seconds(for_s), kind }
     }
-}
-
-/// İ at a fix, from its neighbours, m/s².
-fn acceleration(felt: &[FixWithImpulse], at: usize) -> Vector2<f64> {
-    let (before, after) = (at.saturating_sub(1), (at + 1).min(felt.len().saturating_sub(1)));
-    let (before, after) = (&felt[before], &felt[after]);
-    (after.impulse() - before.impulse()) / after.time.seconds_since(before.time).max(1e-3)
 }
 
 /// Whether a step takes a lie away.
 fn steps_back(step: &VelocityStep, lie: &VelocityLie) -> bool {
     (step.size + lie.step).norm() < BACK * lie.step.norm() && step.gain > step.left
-}
-
-/// Numbers that are fitted whatever happened: c and a on both axes, and a turn, a scale and a delay of what was felt.
-const NUISANCES: usize = 7;
-
-/// What is left of the differences when c, a, a turn ψ and a scale ε of the change of velocity are taken out, d = c + a t + ψ J I + ε I + τ İ, and an orthonormal
-/// basis of those, by fixes.
-struct Residuals {
-    basis: [[Vector2<f64>; SAMPLES]; NUISANCES],
-    of_differences: [Vector2<f64>; SAMPLES],
-}
-
-impl Residuals {
-    fn of(felt: &[FixWithImpulse]) -> Option<Self> {
-        let n = felt.len() as f64;
-        let from = felt.first()?.time;
-        let mean = felt.iter().map(FixWithImpulse::impulse).sum::<Vector2<f64>>() / n;
-        let zero = Vector2::zeros();
-        let mut rest = Self { basis: [[zero; SAMPLES]; NUISANCES], of_differences: [zero; SAMPLES] };
-        let mut used = 0;
-        for k in 0..NUISANCES {
-            let mut column = [zero; SAMPLES];
-            for (at, (value, f)) in column.iter_mut().zip(felt).enumerate() {
-                let (t, v) = (f.time.seconds_since(from), f.impulse() - mean);
-                *value = match k {
-                    0 => Vector2::x(),
-                    1 => Vector2::y(),
-                    2 => Vector2::x() * t,
-                    3 => Vector2::y() * t,
-                    4 => Vector2::new(-v.y, v.x),
-                    5 => v,
-                    _ => acceleration(felt, at),
-                };
-            }
-            let before = column.iter().map(Vector2::norm_squared).sum::<f64>();
-            rest.take_out(&mut column);
-            let left = column.iter().map(Vector2::norm_squared).sum::<f64>();
-            // Who flies straight on says nothing of turn and scale.
-            if left > 1e-3 * before && left > LEAST_NOISE_MPS {
-                rest.basis[used] = column.map(|value| value / left.sqrt());
-                used += 1;
-            }
-        }
-        let mut differences = [zero; SAMPLES];
-        for (value, f) in differences.iter_mut().zip(felt) {
-            *value = f.difference - felt[0].difference;
-        }
-        rest.take_out(&mut differences);
-        rest.of_differences = differences;
-        Some(rest)
-    }
-
-    /// What is orthogonal to all that are taken so far.
-    fn take_out(&self, column: &mut [Vector2<f64>; SAMPLES]) {
-        for basis in &self.basis {
-            let along: f64 = basis.iter().zip(column.iter()).map(|(b, c)| b.dot(c)).sum();
-            for (value, b) in column.iter_mut().zip(basis) {
-                *value -= b * along;
-            }
-        }
-    }
-
-    /// s, NE, of d = … + s u, and what that explains.
-    fn explained(&self, felt: &[FixWithImpulse], u: impl Fn(&FixWithImpulse) -> f64) -> (Vector2<f64>, f64) {
-        let column = |axis: Vector2<f64>| {
-            let mut column = [Vector2::zeros(); SAMPLES];
-            for (value, f) in column.iter_mut().zip(felt) {
-                *value = axis * u(f);
-            }
-            self.take_out(&mut column);
-            column
-        };
-        let dot = |a: &[Vector2<f64>; SAMPLES], b: &[Vector2<f64>; SAMPLES]| -> f64 {
-            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-        };
-        let (north, east) = (column(Vector2::x()), column(Vector2::y()));
-        let normal =
-            Matrix2::new(dot(&north, &north), dot(&north, &east), dot(&north, &east), dot(&east, &east));
-        let right = Vector2::new(dot(&north, &self.of_differences), dot(&east, &self.of_differences));
-        let size = normal.try_inverse().map_or(Vector2::zeros(), |inverse| inverse * right);
-        (size, size.dot(&right).max(0.0))
-    }
 }
 
 #[cfg(test)]

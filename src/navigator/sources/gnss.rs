@@ -17,6 +17,7 @@ use super::super::reset::Reset;
 use super::super::settings::GnssSettings;
 use super::super::solution::VelocitySource;
 use super::super::timeline::CORRECTED_S;
+use super::held_course::HeldCourse;
 use super::inertial_noise::InertialNoise;
 use super::latency::LatencyEstimator;
 use crate::navigator::tuning::gnss::{
@@ -61,6 +62,8 @@ pub(in super::super) struct GnssSource {
     /// How far, while that is too far, m.
     apart_m: f64,
     apart_since: Option<AutopilotTime>,
+    /// What of the velocities is none.
+    course: HeldCourse,
 }
 
 /// A fix in the local frame, and what was expected of it.
@@ -116,6 +119,7 @@ impl GnssSource {
             agreement_due: None,
             apart_m: 0.0,
             apart_since: None,
+            course: HeldCourse::default(),
         }
     }
 
@@ -140,6 +144,11 @@ impl GnssSource {
         }
         self.use_receiver(s.receiver);
         ReceiverChoice::Another
+    }
+
+    /// What the receiver tells, less what it does not know.
+    pub(in super::super) fn sift(&mut self, s: &GnssSample) -> GnssSample {
+        GnssSample { ground_velocity: self.course.velocity(s), ..*s }
     }
 
     /// Another receiver is listened to from now on.

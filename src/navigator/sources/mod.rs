@@ -12,6 +12,7 @@ pub mod drag;
 pub(super) mod flow;
 mod following;
 pub(super) mod gnss;
+mod held_course;
 mod inertial_noise;
 pub mod landmarks;
 mod latency;

@@ -151,10 +151,12 @@ pub(in crate::navigator) mod gnss_by_flow {
     pub(in crate::navigator) const FIX_HOLE_S: f64 = 2.5;
     /// Between two of them no walk goes so far, m.
     pub(in crate::navigator) const JUMP_M: f64 = 3.0;
-    /// Noise of a block before it was seen, and at least, m/s, and the gain of its running mean square.
-    pub(in crate::navigator) const START_SIGMA_MPS: f64 = 0.5;
-    pub(in crate::navigator) const LEAST_SIGMA_MPS: f64 = 0.1;
-    pub(in crate::navigator) const NOISE_GAIN: f64 = 0.05;
+    /// Noise of a position, m², and its growth, m²/s, before they were seen; the least growth; how long what was seen counts, s; and over so many blocks each it is seen.
+    pub(in crate::navigator) const START_VARIANCE: f64 = 0.1;
+    pub(in crate::navigator) const START_GROWTH: f64 = 0.05;
+    pub(in crate::navigator) const LEAST_GROWTH: f64 = 0.01;
+    pub(in crate::navigator) const NOISE_MEMORY_S: f64 = 60.0;
+    pub(in crate::navigator) const NOISE_SPANS: [usize; 3] = [1, 2, 4];
     /// What a calibration that is known changes by in a minute, 1 sigma: bias, rad/s, scale and misalignment (terrain, height, heading).
     pub(in crate::navigator) const WANDER: [f64; 4] = [0.0015, 0.0015, 0.02, 0.02];
     /// And what a sensor that fails may do: its scale and direction may be anything, its bias is of the optics.
@@ -196,14 +198,17 @@ pub(in crate::navigator) mod velocity_step {
     pub(in crate::navigator) const LOOK_S: f64 = 0.4;
     /// The step was so long ago, s: a receiver lags behind its vehicle by less, and what is remembered of the filter reaches further back.
     pub(in crate::navigator) const YOUNGEST_S: f64 = 1.5;
+    /// A younger one gives rise to doubt, where so many fixes show it.
+    pub(in crate::navigator) const YOUNG_FIXES: usize = 3;
     pub(in crate::navigator) const OLDEST_S: f64 = 4.5;
     /// Noise of the difference before it was seen, and at least, m/s, and the gain of its running mean square.
     pub(in crate::navigator) const START_NOISE_MPS: f64 = 0.3;
     pub(in crate::navigator) const LEAST_NOISE_MPS: f64 = 0.03;
     pub(in crate::navigator) const NOISE_GAIN: f64 = 0.02;
-    /// What a step explains of white noise, as a square of its sigmas an axis, before it was seen, how firmly, how many count, one in so long, s, and
-    /// how many have to be seen before anybody is accused.
-    pub(in crate::navigator) const SPREAD: f64 = 4.0;
+    /// What the best of all steps explains, as a square of sigmas, and its deviation, before they were seen (of white noise alone: 7 ± 3), how firmly, how many
+    /// count, one in so long, s, and how many have to be seen before anybody is accused.
+    pub(in crate::navigator) const PEAK: f64 = 8.0;
+    pub(in crate::navigator) const PEAK_DEVIATION: f64 = 8.0;
     pub(in crate::navigator) const FIRM: f64 = 12.0;
     pub(in crate::navigator) const MEMORY: f64 = 60.0;
     pub(in crate::navigator) const LEARN_S: f64 = 3.0;
@@ -217,6 +222,9 @@ pub(in crate::navigator) mod velocity_step {
     pub(in crate::navigator) const DOUBT_S: f64 = 60.0;
     /// … and leaves no more than this part of what it explains: manoeuvres that are sampled badly leave more.
     pub(in crate::navigator) const LEAVES: f64 = 0.33;
+    /// It is the same for so long, s, to this, s.
+    pub(in crate::navigator) const BORNE_OUT_S: f64 = 0.7;
+    pub(in crate::navigator) const SAME_S: f64 = 0.5;
     /// Of what has parted within so long, s, a step is this part between two fixes that are no further apart than this, s.
     pub(in crate::navigator) const PARTED_S: f64 = 3.0;
     pub(in crate::navigator) const AT_ONCE: f64 = 0.6;

@@ -118,6 +118,8 @@ pub(in crate::navigator) mod flow {
     /// A flow that has gone astray is back when it is nearer to the filter's velocity, in the mean over this long, s, than this part of the most
     /// that it had gone.
     pub(in crate::navigator) const OFF_S: f64 = 2.0;
+    /// … which has to be known to this part of it, without a step back.
+    pub(in crate::navigator) const KNOWN: f64 = 0.25;
     pub(in crate::navigator) const BACK: f64 = 0.5;
     /// The latency's effect is looked at over this step, s: some samples of a slow IMU stream.
     pub(in crate::navigator) const LATENCY_STEP_S: f64 = 0.04;
@@ -206,6 +208,15 @@ pub(in crate::navigator) mod following {
     /// var(r − h)/var(h) above which the distance does not follow, and below which it does again.
     pub(in crate::navigator) const ASTRAY: f64 = 0.5;
     pub(in crate::navigator) const FOLLOWS: f64 = 0.2;
+}
+
+/// A receiver that holds its course.
+pub(in crate::navigator) mod held_course {
+    /// A course that is repeated so often with another speed is held.
+    pub(in crate::navigator) const FIXES: u32 = 2;
+    /// Slower, m/s, its direction does not matter; faster, no receiver holds it, and one that rounds repeats it on every straight leg.
+    pub(in crate::navigator) const SLOWEST_MPS: f64 = 0.3;
+    pub(in crate::navigator) const FASTEST_MPS: f64 = 3.0;
 }
 
 /// GNSS receivers.

@@ -13,7 +13,7 @@ use super::super::drag::DragSource;
 use super::super::status::{SourceId, SourceKind};
 use super::witness::{Contradiction, FlowAndInertia};
 use super::{FlowSensor, FlowSource, MeasuredFlow, gnss_velocity};
-use crate::navigator::tuning::flow::{BACK, CALIBRATION_KEPT_S, OFF_S, OTHERWISE_S, SPEAKS};
+use crate::navigator::tuning::flow::{BACK, CALIBRATION_KEPT_S, KNOWN, OFF_S, OTHERWISE_S, SPEAKS};
 
 /// What inertia says of a flow sensor that is news.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,9 +24,10 @@ pub(in super::super::super) enum FlowFinding {
     Back,
 }
 
-/// A flow that contradicts inertia, against the filter's velocity: a mean of late, NE, m/s, and the most that was.
+/// A flow that contradicts inertia: what it had gone by when that was found, and a mean of late of what it is off the filter's velocity by, NE, m/s, and the most that was.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Astray {
+    pub(super) went_ne: Vector2<f64>,
     pub(super) off_ne: Vector2<f64>,
     pub(super) most_mps: f64,
 }
@@ -38,9 +39,10 @@ impl Astray {
         self.most_mps = self.most_mps.max(self.off_ne.norm());
     }
 
-    /// Changes that fit do not show a constant error: the flow has to have come back as well.
-    pub(super) fn is_back(&self) -> bool {
-        self.off_ne.norm() < BACK * self.most_mps
+    /// Changes that fit do not show a constant error: the flow has to have come back as well, to a velocity that is known to `sigma_mps`, or by a step that takes
+    /// back the one that it was found by. By chance an estimate that nothing carries meets any flow.
+    pub(super) fn is_back(&self, sigma_mps: f64, stepped: bool) -> bool {
+        (stepped || sigma_mps < KNOWN * self.most_mps) && self.off_ne.norm() < BACK * self.most_mps
     }
 }
 
@@ -110,17 +112,19 @@ impl FlowSensor {
 
     /// It contradicts inertia: what it has taught of late is forgotten.
     fn go_astray(&mut self, found: &Contradiction) {
-        self.astray = Some(Astray { off_ne: found.apart_ne, most_mps: found.apart_ne.norm() });
+        let went_ne = found.apart_ne;
+        self.astray = Some(Astray { went_ne, off_ne: went_ne, most_mps: went_ne.norm() });
         self.calibration.clone_from(&self.kept.older);
         self.kept.newer.clone_from(&self.kept.older);
     }
 
-    /// Whether a flow that had gone astray, and now is `off_ne` from the filter's velocity, m/s, has come back.
-    fn may_return(&mut self, off_ne: &Vector2<f64>, m: &MeasuredFlow) -> bool {
+    /// Whether a flow that had gone astray, and now is `off_ne` from the filter's velocity, m/s, which is known to `sigma_mps`, has come back.
+    fn may_return(&mut self, off_ne: &Vector2<f64>, sigma_mps: f64, m: &MeasuredFlow) -> bool {
         match &mut self.astray {
             Some(astray) => {
                 astray.note(off_ne, m.interval_s);
-                let back = self.witness.follows() && astray.is_back();
+                let stepped = self.witness.stepped_back();
+                let back = self.witness.follows() && astray.is_back(sigma_mps, stepped);
                 if back {
                     self.astray = None;
                     self.witness.forget();
@@ -206,7 +210,7 @@ impl FlowSource {
         }
         let (_, v_ned) = core.estimator.estimate()?;
         let compared = sensor.against_inertia(m, context)?;
-        match sensor.witness.note(&compared, sensor.astray.is_some()) {
+        match sensor.witness.note(&compared, sensor.astray.as_ref().map(|astray| &astray.went_ne)) {
             // Where drag agrees with it, or all other measurements together, it is inertia that has gone.
             Some(found)
                 if core.witnesses.jumps.suspects_without_flow(core.estimator.jump_windows())
@@ -219,7 +223,11 @@ impl FlowSource {
                 sensor.go_astray(&found);
                 Some(FlowFinding::Astray { since: found.fitted })
             }
-            None => sensor.may_return(&(compared.v_ne - v_ned.xy()), m).then_some(FlowFinding::Back),
+            None => {
+                let sigma_mps = core.estimator.speed_sigma().unwrap_or(f64::INFINITY);
+                let back = sensor.may_return(&(compared.v_ne - v_ned.xy()), sigma_mps, m);
+                back.then_some(FlowFinding::Back)
+            }
         }
     }
 }

@@ -9,7 +9,7 @@ mod witness;
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 
-use crate::camera::{CalibrationMemory, Distrust, FlowCalibration};
+use crate::camera::{CalibrationMemory, Distrust, FlowCalibration, ReferenceVelocity};
 use crate::observer::fusini::update_flow_bias;
 use crate::observer::{FixSample, FusiniBiases, ObserverState};
 use crate::sample::{FlowRotation, FlowSample};
@@ -361,8 +361,14 @@ impl FlowSource {
         // A distance that is not measured is wrong by the same for some time.
         let along = v_gnss * m.relative_sigma;
         let lasting = heading_doubt(&v_gnss, context) + along * along.transpose();
+        let reference = ReferenceVelocity {
+            v_xy: v_gnss,
+            variance: core.integrity.velocity_variance(),
+            renewed_s: core.integrity.interval_s(),
+            lasting,
+        };
         let sensor = &mut self.sensors[index];
-        sensor.calibration.compare(&m.v_xy, &v_gnss, m.distance_m, &m.noise, &lasting, m.interval_s);
+        sensor.calibration.compare(&m.v_xy, &reference, m.distance_m, &m.noise, m.interval_s);
         let trust = sensor.calibration.trust();
         let changed = std::mem::replace(&mut sensor.trust, trust) != trust;
         let id = sensor.id;
@@ -433,7 +439,9 @@ impl FlowSource {
         if self.carrier(core) != Some(index) {
             return;
         }
-        if core.statuses.charge(id).is_some() {
+        // What an IMU that is wrong makes of a flow is turned by a wrong attitude.
+        let inertia = core.statuses.charge(SourceId::only(SourceKind::Imu));
+        if core.statuses.charge(id).or(inertia).is_some() || core.witnesses.inertia.is_out() {
             return travel.interrupt();
         }
         let sensor = &self.sensors[index];

@@ -22,6 +22,7 @@ use nalgebra::Vector2;
 
 use crate::time::AutopilotTime;
 
+use crate::navigator::tuning::flow::BACK;
 use crate::navigator::tuning::flow_witness::{
     BLOCK_S, BLOCKS, CLIPPED, CONTRADICTS, EVIDENCE, FIT, FOLLOWED_S, GROUP, LEARNED_S, LEAST_MISFIT,
     LONGEST_S, MISFIT, MOVED_S, PRIOR_S, SCALE,
@@ -138,6 +139,8 @@ pub(super) struct InertialWitness {
     /// For how long the flow has fitted while it is accused, s, and how much of that the vehicle has moved, s.
     fits_s: f64,
     moved_s: f64,
+    /// What it went by when it was accused it has gone back by since, and nothing else.
+    stepped_back: bool,
 }
 
 impl InertialWitness {
@@ -152,6 +155,7 @@ impl InertialWitness {
             doubted: None,
             fits_s: 0.0,
             moved_s: 0.0,
+            stepped_back: false,
         }
     }
 
@@ -161,6 +165,7 @@ impl InertialWitness {
         self.open = None;
         (self.fits_s, self.moved_s) = (0.0, 0.0);
         (self.evidence, self.doubted) = (0.0, None);
+        self.stepped_back = false;
     }
 
     /// Whether it does not fit at present, though that may be an accident: it should not teach anything.
@@ -168,8 +173,12 @@ impl InertialWitness {
         self.doubted.is_some()
     }
 
-    /// Takes a flow; `accused`: a finding stands against it. A contradiction when a block that ends with it shows one.
-    pub(super) fn note(&mut self, s: &FlowAndInertia, accused: bool) -> Option<Contradiction> {
+    /// Takes a flow; `accused`: a finding stands against it, by which it had gone so far from inertia, NE, m/s. A contradiction when a block that ends with it shows one.
+    pub(super) fn note(
+        &mut self,
+        s: &FlowAndInertia,
+        accused: Option<&Vector2<f64>>,
+    ) -> Option<Contradiction> {
         if s.epoch != self.epoch {
             self.forget();
             self.epoch = s.epoch;
@@ -193,22 +202,28 @@ impl InertialWitness {
         self.judge(accused, gap_s.clamp(0.0, LONGEST_S).max(BLOCK_S))
     }
 
+    /// Whether the last that inertia has seen of an accused flow is that it went back as far as it had gone.
+    pub(super) fn stepped_back(&self) -> bool {
+        self.stepped_back
+    }
+
     /// Whether an accused flow has proven itself.
     pub(super) fn follows(&self) -> bool {
         self.fits_s > FOLLOWED_S && self.moved_s > MOVED_S
     }
 
     /// How far it may be off as a block's mean beyond what it says of itself: factor on the variance.
-    fn judge(&mut self, accused: bool, elapsed_s: f64) -> Option<Contradiction> {
+    fn judge(&mut self, accused: Option<&Vector2<f64>>, elapsed_s: f64) -> Option<Contradiction> {
         let (worst, moved) = self.tests()?;
         let square = worst.square / self.misfit;
-        if accused {
+        if let Some(went_ne) = accused {
             if square < FIT {
                 self.fits_s += elapsed_s;
                 self.moved_s += if moved / self.misfit > CONTRADICTS { elapsed_s } else { 0.0 };
             } else {
                 // What it told before has no part in whether it follows from now on.
                 (self.fits_s, self.moved_s) = (0.0, 0.0);
+                self.stepped_back = (worst.apart + went_ne).norm() < BACK * went_ne.norm();
                 self.blocks.drain(..self.blocks.len().saturating_sub(1));
             }
             return None;
@@ -313,7 +328,7 @@ mod tests {
         told: impl Fn(f64, f64) -> f64,
     ) -> (InertialWitness, Option<f64>) {
         let mut witness = InertialWitness::new();
-        let (mut v, mut at) = (0.0, None);
+        let (mut v, mut went) = (0.0, None);
         let dt = 0.05;
         for k in 0..(seconds / dt) as u32 {
             let t = f64::from(k) * dt;
@@ -331,11 +346,12 @@ mod tests {
                 corrected: 0.0,
                 epoch: 1,
             };
-            if witness.note(&s, at.is_some()).is_some() {
-                at.get_or_insert(t);
+            let accused = went.as_ref().map(|(_, apart_ne)| apart_ne);
+            if let Some(found) = witness.note(&s, accused) {
+                went.get_or_insert((t, found.apart_ne));
             }
         }
-        (witness, at)
+        (witness, went.map(|(t, _)| t))
     }
 
     /// To and fro with up to 6 m/s.
@@ -384,6 +400,15 @@ mod tests {
     }
 
     #[test]
+    fn it_has_gone_back_where_it_steps_by_as_much_as_it_had_gone_and_not_while_it_stays() {
+        let until = |end: f64| move |t: f64, v: f64| if (60.0..end).contains(&t) { v + 2.0 } else { v };
+        let (witness, at) = fly(95.0, to_and_fro, until(80.0));
+        assert!(at.is_some() && witness.follows() && witness.stepped_back());
+        let (witness, at) = fly(95.0, to_and_fro, until(200.0));
+        assert!(at.is_some() && witness.follows() && !witness.stepped_back());
+    }
+
+    #[test]
     fn another_epoch_begins_anew() {
         let mut witness = InertialWitness::new();
         for k in 0..400u32 {
@@ -399,7 +424,7 @@ mod tests {
                 corrected: 0.0,
                 epoch: u32::from(k >= 200),
             };
-            assert_eq!(witness.note(&s, false), None, "{k}");
+            assert_eq!(witness.note(&s, None), None, "{k}");
         }
     }
 }
