@@ -471,6 +471,22 @@ mod tests {
         None
     }
 
+    fn settings() -> CalibrationSettings {
+        CalibrationSettings {
+            bias_sigma_radps: 0.03,
+            scale_sigma: 0.1,
+            misalignment_sigma_rad: 0.1,
+            bias_walk: 1e-4,
+            scale_walk: 2e-4,
+            max_scale_error: 0.4,
+            max_bias_radps: 0.15,
+        }
+    }
+
+    fn exactly(v_xy: Vector2<f64>) -> ReferenceVelocity {
+        ReferenceVelocity { v_xy, variance: 0.0, renewed_s: 0.0, lasting: Matrix2::zeros() }
+    }
+
     fn walk(t: f64) -> Vector2<f64> {
         Vector2::new(0.3, 0.4) * (t - 200.0).max(0.0)
     }
@@ -497,25 +513,52 @@ mod tests {
         assert_eq!(fly(5.0, 400.0, honest, turned), None, "compass");
     }
 
+    /// A flow that is scaled by −8 % at 22 m/s: known as little as at the start until 60 s, and well from then on.
+    #[test]
+    fn a_calibration_that_takes_over_is_no_walk_of_the_receiver() {
+        let fresh = FlowCalibration::new(settings());
+        let mut known = fresh.clone();
+        let noise = Matrix2::identity() * 0.01;
+        for k in 0..600 {
+            let v = Vector2::new(22.0, f64::from(k % 7) - 3.0);
+            known.compare(&(v * 0.92), &exactly(v), HEIGHT_M, &noise, 0.1);
+        }
+        let (mut travel, mut witness) = (FlowTravel::new(), GnssByFlow::new());
+        let (mut p, mut recalibrated) = (Vector2::zeros(), 0);
+        for k in 0..3000 {
+            let (t, time) = (0.05 * f64::from(k), AutopilotTime::from_micros(50_000 * i64::from(k)));
+            let r = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.09 * t).into_inner();
+            let r_xy: Matrix2<f64> = r.fixed_view::<2, 2>(0, 0).into_owned();
+            let body = Vector2::new(22.0, 0.0);
+            p += r_xy * body * 0.05;
+            let in_force = if t < 20.0 { &fresh } else { &known };
+            if let Some(testifies) = travel.calibration(time, in_force, false) {
+                let told = testifies.correct(&(body * 0.92), HEIGHT_M);
+                let sensitivity = r_xy * FlowCalibration::jacobian(&body, HEIGHT_M);
+                travel.add(time, FlowTestimony { velocity_ne: r_xy * told, sensitivity });
+            }
+            if let Some(by) = travel.take_recalibration() {
+                witness.recalibrate(&by);
+                recalibrated += i32::from(by.change.norm() > 0.05);
+            }
+            if k % 4 == 0 {
+                let wander = Vector2::new((5.0 * t).sin(), (7.0 * t).cos()) * 0.1;
+                let covariance = travel.covariance().copied();
+                witness.fix([time; 2], p + wander, travel.at(time), covariance.as_ref());
+                assert_eq!(witness.walk(), None, "{t}");
+            }
+        }
+        assert_eq!(recalibrated, 1);
+    }
+
     #[test]
     fn the_calibration_that_testifies_is_old_and_stays_so_while_gnss_is_doubted() {
-        let settings = CalibrationSettings {
-            bias_sigma_radps: 0.03,
-            scale_sigma: 0.1,
-            misalignment_sigma_rad: 0.1,
-            bias_walk: 1e-4,
-            scale_walk: 2e-4,
-            max_scale_error: 0.4,
-            max_bias_radps: 0.15,
-        };
-        let (mut travel, mut now) = (FlowTravel::new(), FlowCalibration::new(settings));
+        let (mut travel, mut now) = (FlowTravel::new(), FlowCalibration::new(settings()));
         let at = |s: i64| AutopilotTime::from_micros(s * 1_000_000);
         let v = Vector2::new(5.0, 0.0);
-        let reference =
-            ReferenceVelocity { v_xy: v, variance: 0.0, renewed_s: 0.0, lasting: Matrix2::zeros() };
         let mut testified = None;
         for s in 0..300 {
-            now.compare(&(v * 1.2), &reference, HEIGHT_M, &(Matrix2::identity() * 0.01), 0.1);
+            now.compare(&(v * 1.2), &exactly(v), HEIGHT_M, &(Matrix2::identity() * 0.01), 0.1);
             testified = travel.calibration(at(s), &now, s > 100).map(|c| c.estimate()[2]);
             assert_eq!(testified.is_none(), s <= 30, "{s}");
         }
