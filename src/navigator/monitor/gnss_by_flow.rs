@@ -376,6 +376,7 @@ impl GnssByFlow {
         if self.blocks.len() < n {
             return None;
         }
+        // Learned of differences of what was moved by, R′ = 1.5 R.
         let (white, growth) = self.noise.parts();
         let (white, growth) = (white / 1.5, growth.max(LEAST_GROWTH));
         let (mut information, mut vector, mut squares) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
