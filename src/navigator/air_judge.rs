@@ -9,6 +9,7 @@ use super::context::Context;
 use super::core::Core;
 use super::estimator::change_wind;
 use super::flow_judge::take_back;
+use super::inertia;
 use super::judge::{self, Charge};
 use super::sources::SourceSet;
 use super::sources::airspeed::{AirFinding, MeasuredAirspeed};
@@ -22,13 +23,17 @@ pub(super) fn weigh(core: &mut Core, sources: &mut SourceSet, m: &MeasuredAirspe
     let context = Context { core, facts: sources.facts(core) };
     let finding = sources.airspeed.weigh(m, &context);
     match finding {
-        Some(AirFinding::Astray { since }) => {
+        Some(AirFinding::Astray { since, or_led }) => {
             judge::accuse(core, m.time, TUBE, charge(core, m));
             if core.dead_reckoning() {
                 // With GNSS, that has corrected what the velocity has learned of it.
                 take_back(core, since);
             }
+            if let Some(led) = or_led {
+                core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
+            }
         }
+        Some(AirFinding::LedAway(led)) => inertia::led_away(core, m.time, &led),
         Some(AirFinding::Back) => judge::acquit(core, m.time, TUBE),
         Some(AirFinding::AnotherWind(change, sigma)) => {
             change_wind(&mut core.estimator, &change, sigma);

@@ -10,6 +10,7 @@ use crate::time::AutopilotTime;
 
 use super::context::Context;
 use super::core::Core;
+use super::inertia;
 use super::judge::{self, Charge};
 use super::reset::Reset;
 use super::sources::SourceSet;
@@ -43,10 +44,14 @@ pub(super) fn weigh(
     let finding = sources.flow.weigh(m, index, &sources.drag, &context);
     let source = SourceId { kind: SourceKind::Flow, id: sources.flow.id(index) };
     match finding {
-        Some(FlowFinding::Astray { since }) => {
+        Some(FlowFinding::Astray { since, or_led }) => {
             judge::accuse(core, m.time, source, Charge::ContradictsInertia);
             take_back(core, since);
+            if let Some(led) = or_led {
+                core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
+            }
         }
+        Some(FlowFinding::LedAway(led)) => inertia::led_away(core, m.time, &led),
         Some(FlowFinding::Back) => judge::acquit(core, m.time, source),
         None => {}
     }

@@ -24,6 +24,7 @@ use super::monitor::inertia_witness::Testimony;
 use super::monitor::plausibility::Plausible;
 use super::reset::Reset;
 use super::sources::gnss::FixReading;
+use super::sources::parting::LedAway;
 use super::sources::status::{SourceId, SourceKind};
 use super::verdict::Reason;
 use crate::navigator::tuning::inertia_witness::{LEAST_MPS2, TILT_SIGMAS, UNKNOWN_MPS2, WRONG_FOR_S};
@@ -40,9 +41,13 @@ pub(super) fn missing(core: &mut Core, now: AutopilotTime) -> Option<Reason> {
         return Some(Reason::Stuck);
     }
     let judged = core.integrity.trusted() || core.mode == Mode::Aligning;
-    if core.witnesses.inertia.moves() || core.witnesses.inertia.tries(now, judged) {
+    if core.witnesses.inertia.moves() {
         core.witnesses.forget();
         core.estimator.feel_again();
+    }
+    if core.witnesses.inertia.tries(now, judged) {
+        core.witnesses.forget();
+        core.estimator.try_inertia();
     }
     core.witnesses.inertia.is_out().then_some(Reason::ContradictsMotion)
 }
@@ -137,6 +142,12 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
         }
         JumpFinding::Hopeless => lose(core, now),
     }
+}
+
+/// Whoever carries has been left by inertia as that leads away. What it has done until now is doubted, and what carries corrects it.
+pub(super) fn led_away(core: &mut Core, now: AutopilotTime, led: &LedAway) {
+    judge::accuse(core, now, IMU, Charge::Jumped);
+    core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
 }
 
 /// Whether the vehicle is in the air, or as fast as if it were.

@@ -273,12 +273,16 @@ impl Core {
     /// The instant is remembered; the velocity that is estimated at it.
     fn remember(&mut self, s: &ImuSample, stepped: &Stepped, turned: Vector3<f64>) -> Vector3<f64> {
         let (position_ned, velocity_ned) = self.estimator.estimate().unwrap_or_default();
+        let bias = self.estimator.filter_state().map_or(Vector3::zeros(), |state| state.accel_bias);
+        let force = s.specific_force.raw() - bias;
+        let level = Vector3::new(force.x, force.y, 0.0);
         self.timeline.push(
             s.time,
             &MotionNow {
                 r_body_to_ned: stepped.r_body_to_ned,
                 turned,
                 acceleration_ned: stepped.acceleration_ned,
+                sideways_ned: stepped.r_body_to_ned * level,
                 position_ned,
                 velocity_ned,
             },

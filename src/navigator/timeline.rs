@@ -14,8 +14,9 @@ struct Remembered {
     /// ∫ω dt in body axes since the start, rad: differences give mean rates.
     turned_body: Vector3<f64>,
     acceleration_ned: Vector3<f64>,
-    /// ∫ a dt, NED, since the start, m/s.
+    /// ∫ a dt, NED, since the start, m/s, and of what of it the level axes felt.
     impulse_ned: Vector3<f64>,
+    sideways_ned: Vector3<f64>,
     position_ned: Vector3<f64>,
     velocity_ned: Vector3<f64>,
 }
@@ -33,8 +34,9 @@ pub(super) struct MotionNow {
     pub(super) r_body_to_ned: Matrix3<f64>,
     /// Rotation since the last instant, body axes, rad.
     pub(super) turned: Vector3<f64>,
-    /// Acceleration, NED, m/s².
+    /// Acceleration, NED, m/s², and the specific force of the body's x and y axes, NED, m/s².
     pub(super) acceleration_ned: Vector3<f64>,
+    pub(super) sideways_ned: Vector3<f64>,
     /// Estimated position, NED, m.
     pub(super) position_ned: Vector3<f64>,
     /// Estimated velocity, NED, m/s.
@@ -74,25 +76,43 @@ impl Timeline {
 
     /// Adds the newest instant.
     pub(super) fn push(&mut self, time: AutopilotTime, i: &MotionNow) {
-        let (turned_body, impulse_ned) = self.past.newest().map_or((i.turned, Vector3::zeros()), |last| {
-            let impulse = i.acceleration_ned * time.seconds_since(last.time);
-            (last.turned_body + i.turned, last.impulse_ned + impulse)
-        });
+        let zero = Vector3::zeros();
+        let (turned_body, impulse_ned, sideways_ned) =
+            self.past.newest().map_or((i.turned, zero, zero), |last| {
+                let dt = time.seconds_since(last.time);
+                (
+                    last.turned_body + i.turned,
+                    last.impulse_ned + i.acceleration_ned * dt,
+                    last.sideways_ned + i.sideways_ned * dt,
+                )
+            });
         self.past.push(Remembered {
             time,
             r_body_to_ned: i.r_body_to_ned,
             turned_body,
             acceleration_ned: i.acceleration_ned,
             impulse_ned,
+            sideways_ned,
             position_ned: i.position_ned,
             velocity_ned: i.velocity_ned,
         });
     }
 
-    /// What the acceleration had added up to at `time`, NED, m/s: differences of it are changes of the velocity that nothing corrected.
+    /// What the acceleration had added up to at `time`, or a little beyond the newest instant, NED, m/s: differences of it are changes of the velocity that nothing corrected.
     pub(super) fn impulse(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
+        let newest = self.past.newest()?;
+        let ahead = time.seconds_since(newest.time);
+        if ahead > 0.0 {
+            return (ahead <= AHEAD_S).then(|| newest.impulse_ned + newest.acceleration_ned * ahead);
+        }
         let (earlier, later, f) = self.past.around(time)?;
         Some(earlier.impulse_ned + (later.impulse_ned - earlier.impulse_ned) * f)
+    }
+
+    /// What of that the body's x and y axes felt: a multirotor's thrust has no part in it.
+    pub(super) fn sideways(&self, time: AutopilotTime) -> Option<Vector3<f64>> {
+        let (earlier, later, f) = self.past.around(time)?;
+        Some(earlier.sideways_ned + (later.sideways_ned - earlier.sideways_ned) * f)
     }
 
     /// Position and velocity at `time`, linearly between two instants, and a little beyond the newest: stamps of other sensors may
@@ -177,6 +197,7 @@ mod tests {
                 r_body_to_ned: r,
                 turned: Vector3::new(0.0, 0.0, 0.01 * if k < 180 { 1.0 } else { 2.0 }),
                 acceleration_ned: Vector3::new(t, 0.0, 0.0),
+                sideways_ned: Vector3::new(0.0, 0.5, 0.0),
                 position_ned: Vector3::new(0.0, t, 0.0),
                 velocity_ned: Vector3::new(0.0, 1.0, 0.0),
             };
@@ -189,6 +210,8 @@ mod tests {
         let r = h.attitude(at(1803)).unwrap();
         assert!((so3::log(&r).z - 1.80).abs() < 1e-9);
         assert!((h.acceleration(at(1803)).unwrap().x - 1.80).abs() < 1e-9);
+        let sideways = h.sideways(at(1985)).unwrap() - h.sideways(at(1785)).unwrap();
+        assert!((sideways - Vector3::new(0.0, 0.1, 0.0)).norm() < 1e-9);
         assert!((h.motion(at(1803)).unwrap().0.y - 1.803).abs() < 1e-9);
         h.correct(at(1990), &Vector3::new(1.0, 0.0, 0.0), &Vector3::new(2.0, 0.0, 0.0));
         let (p, v) = h.motion(at(1790)).unwrap();

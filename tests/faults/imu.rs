@@ -3,11 +3,11 @@
 use crate::command::{COPTER, holdover, sitl_log};
 use serde_json::Value;
 
-/// The rows of `stress` over two starts of a flight, with outages of a minute and faults from the tenth second on.
-fn stress(faults: &[&str]) -> Vec<Value> {
-    let log = sitl_log(COPTER);
-    let mut arguments = vec!["stress", log.to_str().unwrap(), "--starts", "2", "--json"];
-    let timed: Vec<String> = faults.iter().map(|fault| format!("{fault}@10..60")).collect();
+/// The rows of `stress` over so many starts of a flight, with outages of a minute and faults from a second of it on.
+fn stress(flight: &str, starts: &str, faults: &[&str], from_s: u32) -> Vec<Value> {
+    let log = sitl_log(flight);
+    let mut arguments = vec!["stress", log.to_str().unwrap(), "--starts", starts, "--json"];
+    let timed: Vec<String> = faults.iter().map(|fault| format!("{fault}@{from_s}..60")).collect();
     for fault in &timed {
         arguments.extend(["--fault", fault]);
     }
@@ -18,8 +18,8 @@ fn stress(faults: &[&str]) -> Vec<Value> {
 
 #[test]
 fn a_bias_that_begins_in_an_outage_is_found_in_seconds_and_taken_out() {
-    let rows =
-        stress(&["gyro.z:bias=3", "gyro.y:bias=1", "gyro.x:bias=-2", "accel.z:bias=1", "accel.z:bias=-1.5"]);
+    let faults = ["gyro.z:bias=3", "gyro.y:bias=1", "gyro.x:bias=-2", "accel.z:bias=1", "accel.z:bias=-1.5"];
+    let rows = stress(COPTER, "2", &faults, 10);
     assert_eq!(rows.len(), 10);
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or(f64::NAN);
@@ -27,6 +27,24 @@ fn a_bias_that_begins_in_an_outage_is_found_in_seconds_and_taken_out() {
         assert!(number("worst_sigmas") < 2.5, "{row}");
         assert!(number("error_m") < 2.0 * number("error_without_fault_m") + 2.0, "{row}");
         assert_eq!(row["blamed"].as_array().unwrap().len(), 0, "{row}");
+    }
+}
+
+/// Two that part little by little were parted by inertia: the other is not to be blamed.
+#[test]
+fn accelerometers_that_lead_away_convict_neither_flow_nor_airspeed() {
+    let number = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN);
+    let rows = stress(COPTER, "3", &["accel.x:bias=1", "accel.y:bias=-1"], 0);
+    assert_eq!(rows.len(), 6);
+    for row in rows {
+        assert!(number(&row, "told_after_s") < 4.0 && number(&row, "worst_sigmas") < 2.0, "{row}");
+        assert!(number(&row, "error_m") < 1.5 * number(&row, "error_without_fault_m"), "{row}");
+        assert_eq!(row["blamed"].as_array().unwrap().len(), 0, "{row}");
+    }
+    for row in stress("ardupilot-plane-survey-light", "3", &["accel.x:bias=1", "accel.y:flip"], 0) {
+        let start_s = number(&row, "start_s");
+        assert_eq!(row["blamed"].as_array().unwrap().len(), 0, "{row}");
+        assert!(number(&row, "worst_sigmas") < 4.0, "{start_s}: {row}");
     }
 }
 

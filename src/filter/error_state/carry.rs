@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{BA, BG, BM, Eskf, FLOW, MICRO, P, THETA, V, WIND};
+use super::{BA, BG, BM, Eskf, FLOW, MICRO, P, SG, THETA, V, WIND};
 use crate::geo::so3::exp;
 
 /// What may have happened while nothing was measured: standard deviations an axis, rad, m and m/s.
@@ -21,11 +21,14 @@ pub struct Doubt {
     pub velocity: f64,
     /// Covariance of position and velocity over the product of their standard deviations, 0 to 1.
     pub correlation: f64,
+    /// Of the accelerometers' biases, m/s².
+    pub accel_bias: f64,
 }
 
 impl Doubt {
     /// None at all.
-    pub const NONE: Doubt = Doubt { tilt: 0.0, yaw: 0.0, position: 0.0, velocity: 0.0, correlation: 0.0 };
+    pub const NONE: Doubt =
+        Doubt { tilt: 0.0, yaw: 0.0, position: 0.0, velocity: 0.0, correlation: 0.0, accel_bias: 0.0 };
 }
 
 impl Eskf {
@@ -33,6 +36,9 @@ impl Eskf {
     pub fn doubt(&mut self, doubt: &Doubt) {
         self.propagate_covariance();
         let tilted = Vector3::new(doubt.tilt, doubt.tilt, doubt.yaw).map(|s| s * s);
+        for i in 0..3 {
+            self.p[(BA + i, BA + i)] += doubt.accel_bias * doubt.accel_bias;
+        }
         let r = &self.state.r_body_to_ned;
         let body = r.transpose() * Matrix3::from_diagonal(&tilted) * r;
         let mut theta = self.p.fixed_view_mut::<3, 3>(THETA, THETA);
@@ -52,6 +58,17 @@ impl Eskf {
         for i in 0..3 {
             self.p[(BG + i, BG + i)] += sigma * sigma;
         }
+    }
+
+    /// What was held of the IMU's axes is not so: no bias and no scale error is known, but that they are within these, 1 sigma, rad/s and m/s².
+    pub fn forget_imu(&mut self, gyro_bias: f64, accel_bias: f64) {
+        self.propagate_covariance();
+        let zero = Vector3::zeros();
+        (self.state.gyro_bias, self.state.accel_bias, self.state.gyro_scale) = (zero, zero, zero);
+        for (at, sigma) in [(BG, gyro_bias), (BA, accel_bias), (SG, self.settings.gyro_scale_sigma)] {
+            (at..at + 3).for_each(|i| self.decorrelate(i, sigma));
+        }
+        self.forget_jumps();
     }
 
     /// Goes on for `seconds` at constant velocity: p ← p + v·t, with its error likewise, and every walk walks on. Attitude and velocity stay.
@@ -128,7 +145,8 @@ mod tests {
 
     #[test]
     fn doubt_that_is_correlated_is_taken_back_in_the_position_when_the_velocity_is_seen() {
-        let doubt = Doubt { tilt: 0.1, yaw: 0.3, position: 10.0, velocity: 5.0, correlation: 0.8 };
+        let doubt =
+            Doubt { tilt: 0.1, yaw: 0.3, position: 10.0, velocity: 5.0, correlation: 0.8, accel_bias: 0.2 };
         let mut filter = filter();
         filter.doubt(&doubt);
         assert!(SymmetricEigen::new(filter.p).eigenvalues.min() > -1e-9);
@@ -140,6 +158,20 @@ mod tests {
         // 10 m · 0.8 / 5 m/s a metre per second, and 1 − 0.8² of the variance is left.
         assert!((filter.state().position_ned.x - 3.2).abs() < 0.1);
         assert!((filter.position_covariance()[(0, 0)] / before - 0.36).abs() < 0.03);
+    }
+
+    #[test]
+    fn an_imu_that_is_forgotten_is_known_as_at_first() {
+        let mut filter = filter();
+        filter.state.accel_bias = Vector3::repeat(2.0);
+        filter.state.gyro_scale = Vector3::repeat(-1.9);
+        let seen = super::super::covariance::SparseRow::unit(BA);
+        filter.fuse(&seen, 1e-3, 1e-2).unwrap();
+        filter.forget_imu(0.01, 0.15);
+        let s = filter.state();
+        assert_eq!(s.accel_bias.norm() + s.gyro_scale.norm() + s.gyro_bias.norm(), 0.0);
+        assert!((filter.p[(BA, BA)] - 0.0225).abs() < 1e-12 && (filter.p[(BG, BG)] - 1e-4).abs() < 1e-12);
+        assert!(SymmetricEigen::new(filter.p).eigenvalues.min() > -1e-9);
     }
 
     #[test]

@@ -17,16 +17,21 @@
 use nalgebra::{SVector, Vector2};
 
 use super::covariance::{ErrorTransition, Phi, SparseRow};
-use super::tuning::{IMPLAUSIBLE_SIGMAS, JUMP_SPACING_S, JUMP_STEP_S, JUMP_WINDOWS, OUTLIER_SIGMAS};
+use super::tuning::{
+    IMPLAUSIBLE_SIGMAS, JUMP_EVERY, JUMP_SPACING_S, JUMP_STEP_S, JUMP_WINDOWS, OUTLIER_SIGMAS,
+};
 use super::{BA, BG, BM, FLOW, P, SG, STATES, V, WIND};
 
 /// What may jump: gyro biases, accelerometer biases and gyro scales of the IMU's axes, and then the IMU's rivals: magnetometer bias x and y, flow
-/// (bias x, y, scale), the velocity, as a receiver seems to have it that begins to lie, height, and wind.
-pub const JUMPS: usize = 20;
+/// (bias x, y, scale), the velocity, as a receiver seems to have it that begins to lie, height, wind, and a compass that is turned about the body's z axis.
+pub const JUMPS: usize = 21;
 /// So many of them are the IMU's.
 pub const IMU_JUMPS: usize = 9;
 
-const AT: [usize; JUMPS] = [
+/// The last is no error state: it shows in what a magnetometer tells alone, r = H J + ∂m/∂ψ.
+const COMPASS: usize = JUMPS - 1;
+
+const AT: [usize; COMPASS] = [
     BG,
     BG + 1,
     BG + 2,
@@ -49,9 +54,11 @@ const AT: [usize; JUMPS] = [
     WIND + 1,
 ];
 
-/// How large such jumps are, 1 sigma: rad/s, m/s², a scale that turns round, µT, rad/s, flow's scale, m/s, m.
-const PRIOR: [f64; JUMPS] =
-    [0.1, 0.1, 0.1, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0, 20.0, 20.0, 0.1, 0.1, 1.0, 3.0, 3.0, 3.0, 10.0, 5.0, 5.0];
+/// How large such jumps are, 1 sigma: rad/s, m/s², a scale that turns round, µT, rad/s, flow's scale, m/s, m, rad.
+const PRIOR: [f64; JUMPS] = [
+    0.1, 0.1, 0.1, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0, 20.0, 20.0, 0.1, 0.1, 1.0, 3.0, 3.0, 3.0, 10.0, 5.0, 5.0,
+    0.5,
+];
 
 /// The hypothesis that one state jumped at a window's beginning.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -174,9 +181,10 @@ impl JumpWindow {
         h: &SparseRow,
         (innovation, s): (f64, f64),
         gain: Option<&[f32; STATES]>,
-        of_flow: bool,
+        (of_flow, by_compass): (bool, f64),
     ) {
         let mut r = [0.0f32; JUMPS];
+        r[COMPASS] = by_compass as f32;
         for (i, h) in h.entries() {
             let (row, h) = (&self.effect[i], h as f32);
             for (r, effect) in r.iter_mut().zip(row) {
@@ -201,12 +209,15 @@ impl JumpWindow {
 pub(super) struct JumpBank {
     /// A filter that nobody asks spares itself the sums.
     on: bool,
+    /// The newest first. Each takes over from the one before every so many spacings, so that onsets of late lie close together and earlier ones farther apart.
     windows: [JumpWindow; JUMP_WINDOWS],
-    /// The oldest, and for how long the newest has gone on, s.
-    oldest: usize,
+    /// How many were begun, and for how long the newest has gone on, s.
+    begun: u32,
     since_s: f64,
     /// What is measured is a flow.
     pub(super) of_flow: bool,
+    /// What a compass that is turned changes it by, µT/rad.
+    pub(super) by_compass: f64,
     /// What J has not followed yet.
     pending: Option<ErrorTransition>,
 }
@@ -216,9 +227,10 @@ impl JumpBank {
         Self {
             on,
             windows: std::array::from_fn(|_| JumpWindow::new()),
-            oldest: 0,
+            begun: 0,
             since_s: 0.0,
             of_flow: false,
+            by_compass: 0.0,
             pending: None,
         }
     }
@@ -249,6 +261,14 @@ impl JumpBank {
         }
     }
 
+    /// A new onset.
+    fn begin(&mut self) {
+        self.begun = self.begun.wrapping_add(1);
+        let stays = JUMP_EVERY.iter().take_while(|every| self.begun % **every == 0).count();
+        self.windows[..stays].rotate_right(1);
+        self.windows[0] = JumpWindow::new();
+    }
+
     /// J follows what has been.
     pub(super) fn catch_up(&mut self) {
         let Some(pending) = self.pending.take() else { return };
@@ -256,8 +276,7 @@ impl JumpBank {
         self.since_s += pending.dt;
         if self.since_s > JUMP_SPACING_S {
             self.since_s = 0.0;
-            self.windows[self.oldest] = JumpWindow::new();
-            self.oldest = (self.oldest + 1) % JUMP_WINDOWS;
+            self.begin();
         }
         for window in &mut self.windows {
             window.propagate(&pending, &phi);
@@ -279,7 +298,7 @@ impl JumpBank {
         let innovation = innovation.clamp(-OUTLIER_SIGMAS * s.sqrt(), OUTLIER_SIGMAS * s.sqrt());
         let gain = ph.map(|ph| std::array::from_fn(|i| (ph[i] / s) as f32));
         for window in &mut self.windows {
-            window.observe(h, (innovation, s), gain.as_ref(), self.of_flow);
+            window.observe(h, (innovation, s), gain.as_ref(), (self.of_flow, self.by_compass));
         }
     }
 }

@@ -95,17 +95,30 @@ impl Eskf {
         field_ned: &Vector3<f64>,
         sigma: f64,
     ) -> Result<f64, Gated> {
-        let variance = (sigma * MICRO).powi(2);
+        let fused = self.fuse_field(body, field_ned, (sigma * MICRO).powi(2));
+        self.jumps.by_compass = 0.0;
+        fused
+    }
+
+    fn fuse_field(
+        &mut self,
+        body: &Vector3<f64>,
+        field_ned: &Vector3<f64>,
+        variance: f64,
+    ) -> Result<f64, Gated> {
         let expected = self.state.expected_magnetic(field_ned);
         let field_body = expected - self.state.magnetic_bias;
+        let turned = Vector3::z().cross(&field_body) * MICRO;
         for axis in 0..3 {
             let h = magnetic_row(&field_body, axis);
+            self.jumps.by_compass = turned[axis];
             self.gate(&h, (body[axis] - expected[axis]) * MICRO, variance)?;
         }
         let mut nis = 0.0;
         for axis in 0..3 {
             let expected = self.state.expected_magnetic(field_ned);
             let h = magnetic_row(&(expected - self.state.magnetic_bias), axis);
+            self.jumps.by_compass = turned[axis];
             nis += self.fuse(&h, (body[axis] - expected[axis]) * MICRO, variance)?.nis / 3.0;
         }
         Ok(nis)

@@ -33,6 +33,7 @@ pub(super) fn doubt_between(gap_s: f64) -> Doubt {
         velocity,
         // That of white noise: how the acceleration came and went is not known, either.
         correlation: 0.75f64.sqrt(),
+        accel_bias: 0.0,
     }
 }
 
@@ -52,6 +53,7 @@ pub(super) fn doubt_beyond(gap_s: f64, speed_mps: f64) -> Doubt {
         position,
         velocity,
         correlation: correlation.min(0.75f64.sqrt()),
+        accel_bias: 0.0,
     }
 }
 

@@ -3,6 +3,9 @@
 use nalgebra::Matrix2;
 
 use crate::filter::error_state::{Correction, Doubt, JumpWindow};
+use crate::geo::NOMINAL_GRAVITY_MPS2;
+use crate::navigator::tuning::error_state::{MOVING_GYRO_BIAS, START_ACCEL_BIAS};
+use crate::navigator::tuning::parting::{DOUBTED_S, MOST_DOUBTED_MPS};
 use crate::sample::ImuSample;
 
 use super::EstimatorStack;
@@ -34,6 +37,24 @@ impl EstimatorStack {
         self.doubted();
     }
 
+    /// Inertia has led away for `seconds`, by `velocity` m/s: by a tilt, or by an accelerometer's bias, that may still be there.
+    pub(in super::super) fn doubt_inertia(&mut self, seconds: f64, velocity: f64) {
+        // What no vehicle does is no measure of a doubt.
+        let velocity = velocity.min(MOST_DOUBTED_MPS);
+        if let Some(stage) = self.error_state_mut() {
+            let acceleration = velocity / seconds.max(DOUBTED_S);
+            stage.filter_mut().doubt(&Doubt {
+                tilt: acceleration / NOMINAL_GRAVITY_MPS2,
+                position: 0.5 * velocity * seconds,
+                velocity,
+                correlation: 0.75f64.sqrt(),
+                accel_bias: acceleration,
+                ..Doubt::NONE
+            });
+        }
+        self.doubted();
+    }
+
     /// The position may be off by `sigma_m` more than the error-state filter thinks.
     pub(in super::super) fn doubt_position(&mut self, sigma_m: f64) {
         self.shadows.abort();
@@ -47,6 +68,14 @@ impl EstimatorStack {
         if self.coasted_s.take().is_some() && self.has_error_state() {
             self.settling = Some(Settling::default());
         }
+    }
+
+    /// It is tried again: what the filter took its axes to be off by while it was wrong is no measure of them.
+    pub(in super::super) fn try_inertia(&mut self) {
+        if let Some(stage) = self.error_state_mut() {
+            stage.filter_mut().forget_imu(MOVING_GYRO_BIAS, START_ACCEL_BIAS);
+        }
+        self.feel_again();
     }
 
     /// What the filter's innovations show of jumps of the IMU's axes; none while its word is not asked for.

@@ -32,6 +32,17 @@ struct Likeliest {
     rival: f64,
 }
 
+/// What the windows show.
+#[derive(Clone, Copy, Debug)]
+struct ShownJumps {
+    /// What is furthest beyond what is usual, as a part of its limit, and the group of that: that something has jumped.
+    over: f64,
+    square: f64,
+    group: usize,
+    /// What explains most: which axis has. What all of them have to explain are the same innovations, whatever is usual for each.
+    likeliest: Likeliest,
+}
+
 /// What the innovations say of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in super::super) enum JumpFinding {
@@ -64,6 +75,8 @@ pub(in super::super) struct InertiaJumps {
     last: Option<AutopilotTime>,
     /// Since when nothing has been suspected.
     quiet: Option<AutopilotTime>,
+    /// An axis is more likely than not to have jumped, and explains more than another sensor does.
+    suspects: bool,
 }
 
 impl Default for InertiaJumps {
@@ -80,6 +93,7 @@ impl Default for InertiaJumps {
             found: 0,
             last: None,
             quiet: None,
+            suspects: false,
         }
     }
 }
@@ -101,19 +115,20 @@ impl InertiaJumps {
         windows: &[JumpWindow],
         (aided, flies): (bool, bool),
     ) -> JumpFinding {
+        self.suspects = false;
         if !flies || self.learned < LEARNED {
             return JumpFinding::Quiet;
         }
         let usual = if aided { &self.usual } else { &self.usual_alone };
-        let (Some(best), _) = self.likeliest(windows, usual) else { return JumpFinding::Quiet };
-        let Likeliest { window, jump, .. } = best;
-        let usual = &usual[GROUPS[jump]];
-        let unit = usual.variance().max(1.0);
+        let (Some(shown), _) = self.shown(windows, usual) else { return JumpFinding::Quiet };
+        let Likeliest { window, jump, square, rival } = shown.likeliest;
         // By Bayes: as likely as the ratio says, times how rarely it happens.
-        let odds = 1.0 / (1.0 + (UNLIKELY - 0.5 * best.square / unit).exp());
+        let odds =
+            1.0 / (1.0 + (UNLIKELY - 0.5 * shown.square / usual[shown.group].variance().max(1.0)).exp());
         self.quiet = if odds > 0.5 { None } else { self.quiet.or(Some(now)) };
-        let clear = best.square - best.rival > CLEAR_OF * unit;
-        let beyond = best.square > usual.limit(DECADES) && clear;
+        self.suspects = odds > 0.5 && square > rival;
+        let clear = square - rival > CLEAR_OF * usual[GROUPS[jump]].variance().max(1.0);
+        let beyond = shown.over > 1.0 && clear;
         self.beyond = if beyond { self.beyond.or(Some(now)) } else { None };
         // With GNSS there is time.
         let lasts_s = if aided { LASTS_AIDED_S } else { LASTS_S };
@@ -123,9 +138,9 @@ impl InertiaJumps {
         JumpFinding::Suspected { window, jump, odds }
     }
 
-    /// Of all windows and jumps the one that is furthest beyond what is usual, and the most that each group shows.
-    fn likeliest(&self, windows: &[JumpWindow], usual: &[UsualSpread; 4]) -> (Option<Likeliest>, [f64; 4]) {
-        let mut best: Option<(f64, Likeliest)> = None;
+    /// What all windows and jumps show, and the most that each group does.
+    fn shown(&self, windows: &[JumpWindow], usual: &[UsualSpread; 4]) -> (Option<ShownJumps>, [f64; 4]) {
+        let mut best: Option<ShownJumps> = None;
         let mut most = [0.0f64; 4];
         for (number, window) in windows.iter().enumerate().filter(|(_, w)| w.age_s() > YOUNGEST_S) {
             let livelier = (window.mean_square_rate() / self.rate.max(CALM * CALM)).max(1.0);
@@ -141,12 +156,18 @@ impl InertiaJumps {
                 }
                 most[*group] = most[*group].max(square_here);
                 let over = square_here / usual.limit(DECADES);
-                if best.is_none_or(|(most, _)| over > most) {
-                    best = Some((over, Likeliest { window: number, jump, square: square_here, rival }));
+                let likeliest = Likeliest { window: number, jump, square: square_here, rival };
+                let shown =
+                    best.get_or_insert(ShownJumps { over, square: square_here, group: *group, likeliest });
+                if over > shown.over {
+                    (shown.over, shown.square, shown.group) = (over, square_here, *group);
+                }
+                if square_here > shown.likeliest.square {
+                    shown.likeliest = likeliest;
                 }
             }
         }
-        (best.map(|(_, likeliest)| likeliest), most)
+        (best, most)
     }
 
     /// Whether an axis has more likely jumped than not, by what was seen last, whatever the flow says of it.
@@ -188,8 +209,8 @@ impl InertiaJumps {
         self.learned = self.learned.saturating_add(1);
         let rate = windows.iter().map(JumpWindow::mean_square_rate).fold(0.0, f64::max);
         self.rate += (rate - self.rate) * (1.0 / f64::from(self.learned)).max(1.0 / MEMORY);
-        let (_, most) = self.likeliest(windows, &self.usual);
-        let (_, most_alone) = self.likeliest(alone, &self.usual_alone);
+        let (_, most) = self.shown(windows, &self.usual);
+        let (_, most_alone) = self.shown(alone, &self.usual_alone);
         for group in 0..4 {
             // One axis is half of a plane.
             let learn = |usual: &mut UsualSpread, square: f64| {
@@ -198,6 +219,11 @@ impl InertiaJumps {
             learn(&mut self.usual[group], most[group]);
             learn(&mut self.usual_alone[group], most_alone[group].max(most[group]));
         }
+    }
+
+    /// Whether an axis may well have jumped.
+    pub(in super::super) fn suspects(&self) -> bool {
+        self.suspects
     }
 
     /// Whether the axes have been sound for so long that nothing is held against them.

@@ -181,6 +181,9 @@ impl AirspeedSource {
             gusts: air.sigma_mps,
             scale: core.settings.kalman.air.airspeed_scale_sigma,
             gnss,
+            along_ne: felt(core)?.1.xy(),
+            impulse_ne: core.timeline.impulse(m.time).map(|impulse| impulse.xy()),
+            epoch: core.timeline.epoch(),
         })
     }
 

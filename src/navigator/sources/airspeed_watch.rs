@@ -7,12 +7,13 @@
 
 use nalgebra::{Vector2, Vector3};
 
+use super::parting::{LedAway, Parted, PartingPoint, parted};
 use crate::geo::STANDARD_GRAVITY_MPS2;
 use crate::time::{AutopilotTime, Span};
 
 use crate::navigator::tuning::airspeed::{
-    BACK, BACK_S, BACK_SIGMAS, LASTING_S, LEARNED, LONGEST_GAP_S, MEAN_S, MOVED_S, PRIOR_S, SCALE_SIGMAS,
-    SIGMAS, SPREAD_S, STANDS_S, USUAL_S,
+    BACK, BACK_S, BACK_SIGMAS, LASTING_S, LEARNED, LONGEST_GAP_S, MEAN_S, MOVED_S, POINT_S, POINTS, PRIOR_S,
+    SCALE_SIGMAS, SIGMAS, SPREAD_S, STANDS_S, USUAL_S,
 };
 
 /// What is weighed at a time.
@@ -29,13 +30,19 @@ pub(super) struct WeighedAirspeed {
     pub(super) scale: f64,
     /// GNSS tells the velocity.
     pub(super) gnss: bool,
+    /// Direction of the velocity through the air, NE, and what the acceleration has added up to in this epoch, m/s.
+    pub(super) along_ne: Vector2<f64>,
+    pub(super) impulse_ne: Option<Vector2<f64>>,
+    pub(super) epoch: u32,
 }
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in super::super) enum AirFinding {
-    /// It does not tell the airspeed; it did until this time.
-    Astray { since: AutopilotTime },
+    /// It does not tell the airspeed; it did until this time. It may be inertia that has led away, so.
+    Astray { since: AutopilotTime, or_led: Option<LedAway> },
+    /// It does, and it is inertia that has led away, so.
+    LedAway(LedAway),
     /// It does again.
     Back,
     /// It did: the wind is another, by as much, north and east, known to this, m/s.
@@ -62,6 +69,44 @@ pub(super) struct AirspeedWatch {
     since: Option<AutopilotTime>,
     /// By how much it was astray at most, m/s.
     gone: Option<f64>,
+    parting: PartingPoints,
+}
+
+/// What it tells, along the nose, less what inertia has added up to, in the means of some tenths of a second.
+#[derive(Clone, Copy, Debug, Default)]
+struct PartingPoints {
+    /// The newest first; the first goes on.
+    points: [PartingPoint; POINTS],
+    known: usize,
+    samples: f64,
+    epoch: u32,
+}
+
+impl PartingPoints {
+    fn add(&mut self, w: &WeighedAirspeed) {
+        let Some(felt_ne) = w.impulse_ne else { return };
+        if self.epoch != w.epoch {
+            *self = Self { epoch: w.epoch, ..Self::default() };
+        }
+        let t = w.time.seconds_since(AutopilotTime::from_micros(0));
+        if self.known == 0 || !(0.0..POINT_S).contains(&(t - self.points[0].t)) {
+            self.points.rotate_right(1);
+            self.known = (self.known + 1).min(POINTS);
+            self.samples = 0.0;
+            self.points[0] = PartingPoint { t, ..PartingPoint::default() };
+        }
+        self.samples += 1.0;
+        let point = &mut self.points[0];
+        point.apart += (w.along_ne * w.told - felt_ne - point.apart) / self.samples;
+        point.felt += (felt_ne - point.felt) / self.samples;
+    }
+
+    fn parted(&self) -> Option<Parted> {
+        let mut oldest_first = self.points;
+        let known = &mut oldest_first[..self.known];
+        known.reverse();
+        parted(known)
+    }
 }
 
 impl AirspeedWatch {
@@ -108,6 +153,7 @@ impl AirspeedWatch {
     }
 
     pub(super) fn weigh(&mut self, w: &WeighedAirspeed) -> Option<AirFinding> {
+        self.parting.add(w);
         let dt = self.last.replace(w.time).map_or(f64::INFINITY, |t| w.time.seconds_since(t));
         if !(0.0..LONGEST_GAP_S).contains(&dt) {
             (self.mean, self.moved, self.bent, self.since) = (w.told - w.expected, 0.0, 0.0, None);
@@ -143,9 +189,16 @@ impl AirspeedWatch {
         if w.time.seconds_since(since) < STANDS_S {
             return None;
         }
+        let parted = self.parting.parted().filter(|_| !w.gnss);
+        if let Some(Parted::LedAway(led)) = parted {
+            // What is usual is seen anew, with an inertia that it has corrected.
+            self.believe();
+            return Some(AirFinding::LedAway(led));
+        }
         (self.gone, self.since) = (Some(self.deviation().abs()), None);
         (self.moved, self.bent) = (0.0, 0.0);
-        Some(AirFinding::Astray { since: since - Span::from_seconds(2.0 * MEAN_S) })
+        let or_led = if let Some(Parted::Either(led)) = parted { Some(led) } else { None };
+        Some(AirFinding::Astray { since: since - Span::from_seconds(2.0 * MEAN_S), or_led })
     }
 
     fn comes_back(&mut self, w: &WeighedAirspeed, gone: f64, sigma: f64) -> Option<AirFinding> {

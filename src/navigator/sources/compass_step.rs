@@ -15,7 +15,7 @@ use crate::time::AutopilotTime;
 
 use crate::navigator::tuning::compass_step::{
     BEFORE_S, CALM, DRIFT_RADPS, LATENCY_S, LEAST_STEP, LEAST_TURN_STEP, LONGEST_GAP_S, SHARP, SIGMAS,
-    SPREAD_S, STANDS_S, TURN_S, TURNS_S, USUAL_S,
+    SOFT_STANDS_S, SPREAD_S, STANDS_S, TURN_S, TURNS_S, USUAL_S,
 };
 
 /// Past fields that are remembered.
@@ -31,6 +31,8 @@ pub(super) struct ComparedField<'a> {
     pub(super) r_body_to_ned: Matrix3<f64>,
     /// A step would be a fault. On the ground, where motors start, it is only learned of.
     pub(super) judged: bool,
+    /// An axis of the IMU may have jumped: only what comes between two samples is the compass' then.
+    pub(super) gyros_doubted: bool,
     /// Strength of the place's horizontal field, T.
     pub(super) horizontal_t: f64,
     /// The rotation since an earlier time, body, rad.
@@ -99,6 +101,8 @@ struct MayHaveStepped {
     from: PastField,
     /// Changes that are below this are none, rad.
     limit: f64,
+    /// It came little by little: it may be a gyro's.
+    soft: bool,
 }
 
 /// See the module's documentation.
@@ -138,9 +142,9 @@ impl StepWatch {
         departure
     }
 
-    /// Whether it may have stepped: that is not to be believed before it has gone or is known.
+    /// Whether it may have stepped at once: that is not to be believed before it has gone or is known.
     pub(super) fn is_doubted(&self) -> bool {
-        self.stepped.is_some()
+        self.stepped.is_some_and(|stepped| !stepped.soft)
     }
 
     /// The vehicle has turned: so do the fields of before.
@@ -169,7 +173,12 @@ impl StepWatch {
                 (self.stepped, self.past, self.calm) = (None, [None; PAST], None);
                 return None;
             }
-            return Some(by).filter(|_| heard.time.seconds_since(stepped.since) > STANDS_S);
+            if stepped.soft && heard.gyros_doubted {
+                self.stepped = None;
+                return None;
+            }
+            let stands_s = if stepped.soft { SOFT_STANDS_S } else { STANDS_S };
+            return Some(by).filter(|_| heard.time.seconds_since(stepped.since) > stands_s);
         }
         if let Some(before) = self.before(heard.time) {
             let limits = self.within.limits(LEAST_STEP, late);
@@ -189,11 +198,12 @@ impl StepWatch {
     /// Against a field of before, within `[heading, field]` rad.
     fn compare(&mut self, heard: &ComparedField<'_>, from: &PastField, [heading, field]: [f64; 2]) {
         let change = from.change(heard);
-        let turned = from.heading_change(heard) > heading;
-        let bent = change > field && from.sharpest > SHARP * change;
+        let sharp = from.sharpest > SHARP * change;
+        let turned = from.heading_change(heard) > heading && (sharp || !heard.gyros_doubted);
+        let bent = change > field && sharp;
         if self.within.is_known() && heard.judged && (turned || bent) {
             let limit = if turned { heading } else { field };
-            self.stepped = Some(MayHaveStepped { since: heard.time, from: *from, limit });
+            self.stepped = Some(MayHaveStepped { since: heard.time, from: *from, limit, soft: !sharp });
         }
     }
 
@@ -260,6 +270,7 @@ mod tests {
                 rate: (turned(t + 0.05) - turned(t - 0.05)).abs() * 10.0,
                 r_body_to_ned: so3::exp(&(Vector3::z() * heading)),
                 judged: true,
+                gyros_doubted: false,
                 horizontal_t: 1.0,
                 turned: &|since| {
                     let from = turned(since.seconds_since(time(0.0)));

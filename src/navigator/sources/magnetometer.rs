@@ -14,13 +14,15 @@ use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
 use super::compass_step::{ComparedField, StepWatch};
 use super::magnetic_noise::MagneticNoise;
-use super::status::SourceHealth;
+use super::status::{SourceHealth, SourceId, SourceKind};
 use crate::navigator::tuning::compass_step::KNOWN_YAW;
 use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::magnetometer::{
     AGREES, AGREES_S, DIP_LEAST_S, DIP_MEAN_S, FEELS_GRAVITY, LARGEST_DIP, STUCK_LOOK_S, STUCK_RATE, STUCK_S,
     STUCK_TURN,
 };
+
+const IMU: SourceId = SourceId::only(SourceKind::Imu);
 
 /// The same field, told again and again.
 #[derive(Clone, Copy, Debug)]
@@ -207,6 +209,7 @@ impl MagnetometerSource {
             r_body_to_ned: attitude,
             // What an axis of the gyros makes of a turn is not the compass' fault.
             judged: !context.on_ground() && !core.witnesses.field.suspects(),
+            gyros_doubted: core.witnesses.jumps.suspects() || core.statuses.charge(IMU).is_some(),
             horizontal_t: field_ned.xy().norm(),
             turned: &|since| Some(core.timeline.mean_rate(since, s.time)? * s.time.seconds_since(since)),
         };

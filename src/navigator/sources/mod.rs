@@ -18,6 +18,7 @@ pub mod landmarks;
 mod latency;
 mod magnetic_noise;
 pub(super) mod magnetometer;
+pub(super) mod parting;
 mod rangefinder;
 pub(super) mod rangefinders;
 pub(super) mod standstill;

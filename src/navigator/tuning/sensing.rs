@@ -40,6 +40,9 @@ pub(in crate::navigator) mod airspeed {
     pub(in crate::navigator) const BACK_SIGMAS: f64 = 2.0;
     pub(in crate::navigator) const BACK_S: f64 = 5.0;
     pub(in crate::navigator) const BACK: f64 = 0.5;
+    /// How it parted from inertia is seen in so many means over so long, s.
+    pub(in crate::navigator) const POINTS: usize = 24;
+    pub(in crate::navigator) const POINT_S: f64 = 0.5;
     /// Another wind is believed where it is known to this, m/s.
     pub(in crate::navigator) const WIND_KNOWN_MPS: f64 = 1.0;
 }
@@ -197,6 +200,25 @@ pub(in crate::navigator) mod flow_witness {
     /// An accused flow is believed again when it has fitted for this long, s, and for so much of it inertia would have contradicted a zero.
     pub(in crate::navigator) const FOLLOWED_S: f64 = 4.0;
     pub(in crate::navigator) const MOVED_S: f64 = 1.0;
+    /// Thrust without the sideways axes leaves less than this part of what they are apart by.
+    pub(in crate::navigator) const BY_THRUST: f64 = 0.5;
+}
+
+/// How two velocities parted.
+pub(in crate::navigator) mod parting {
+    /// Points before the onset, and since.
+    pub(in crate::navigator) const BEFORE: usize = 3;
+    pub(in crate::navigator) const POINTS_SINCE: usize = 3;
+    /// One way of parting explains more than another by so much, as a square of sigmas: a hundred times as likely.
+    pub(in crate::navigator) const CLEAR_OF: f64 = 9.2;
+    /// Inertia leads away over no less than so many points.
+    pub(in crate::navigator) const LEADS_POINTS: usize = 5;
+    /// No velocity is better than this, as a square, (m/s)²; what keeps least squares regular where nothing moves.
+    pub(in crate::navigator) const LEAST_SQUARE: f64 = 1e-4;
+    pub(in crate::navigator) const RIDGE: f64 = 1e-9;
+    /// Inertia has led away for this long, at least, s, and by no more than this, m/s.
+    pub(in crate::navigator) const DOUBTED_S: f64 = 0.5;
+    pub(in crate::navigator) const MOST_DOUBTED_MPS: f64 = 150.0;
 }
 
 /// Whether a distance follows the height.
@@ -386,6 +408,8 @@ pub(in crate::navigator) mod compass_step {
     pub(in crate::navigator) const SHARP: f64 = 0.6;
     /// It has to stand for so long, s.
     pub(in crate::navigator) const STANDS_S: f64 = 0.5;
+    /// One that came little by little has to for this long, s: by then a gyro would be found to be wrong.
+    pub(in crate::navigator) const SOFT_STANDS_S: f64 = 3.0;
     /// A step takes no longer than this, s.
     pub(in crate::navigator) const BEFORE_S: f64 = 0.5;
     /// A turn hides one if it takes so long, s; one that takes longer is none that gyros could bridge. What is found over a turn is more than iron makes of

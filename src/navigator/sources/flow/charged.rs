@@ -4,12 +4,14 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
 use crate::geo::{NOMINAL_GRAVITY_MPS2, so3};
+use crate::sample::Airframe;
 use crate::time::AutopilotTime;
 
 use super::super::super::context::Context;
 use super::super::super::solution::Mode;
 use super::super::super::timeline::Timeline;
 use super::super::drag::DragSource;
+use super::super::parting::{LedAway, Parted};
 use super::super::status::{SourceId, SourceKind};
 use super::witness::{Contradiction, FlowAndInertia};
 use super::{FlowSensor, FlowSource, MeasuredFlow, gnss_velocity};
@@ -18,8 +20,10 @@ use crate::navigator::tuning::flow::{BACK, CALIBRATION_KEPT_S, KNOWN, OFF_S, OTH
 /// What inertia says of a flow sensor that is news.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in super::super::super) enum FlowFinding {
-    /// It contradicts inertia; until then it still fitted.
-    Astray { since: AutopilotTime },
+    /// It contradicts inertia; until then it still fitted. It may be inertia that has led away, so.
+    Astray { since: AutopilotTime, or_led: Option<LedAway> },
+    /// It does, and it is inertia that has led away.
+    LedAway(LedAway),
     /// It follows inertia again.
     Back,
 }
@@ -97,10 +101,12 @@ impl FlowSensor {
         let reference = if core.mode == Mode::Aided { gnss_velocity(m, context) } else { None };
         let tilt = core.attitude_variance(&context.facts).xy().max().max(0.0).sqrt();
         let (errors, scale_variance) = &self.errors;
+        let multirotor = core.vehicle.is(Airframe::Multirotor);
         Some(FlowAndInertia {
             time: m.time,
             v_ne: in_ned(&FlowCalibration::undo(errors, &m.v_xy, m.distance_m)),
             impulse_ne: core.timeline.impulse(m.time)?.xy(),
+            sideways_ne: multirotor.then(|| core.timeline.sideways(m.time)).flatten().map(|w| w.xy()),
             reference_ne: reference.map(|v_xy| in_ned(&v_xy)),
             variance: 0.5 * m.noise.trace() * self.calibration.noise_factor(),
             scale_variance: scale_variance + m.relative_sigma * m.relative_sigma,
@@ -217,11 +223,17 @@ impl FlowSource {
                     || found.is_denied_by(drag, v_ned.z, context) =>
             {
                 sensor.witness.forget();
-                None
+                let for_s = m.time.seconds_since(found.fitted);
+                Some(FlowFinding::LedAway(LedAway { for_s, velocity_mps: found.apart_ne.norm() }))
+            }
+            Some(Contradiction { parted: Parted::LedAway(led), .. }) => {
+                sensor.witness.forget();
+                Some(FlowFinding::LedAway(led))
             }
             Some(found) => {
                 sensor.go_astray(&found);
-                Some(FlowFinding::Astray { since: found.fitted })
+                let or_led = if let Parted::Either(led) = found.parted { Some(led) } else { None };
+                Some(FlowFinding::Astray { since: found.fitted, or_led })
             }
             None => {
                 let sigma_mps = core.estimator.speed_sigma().unwrap_or(f64::INFINITY);

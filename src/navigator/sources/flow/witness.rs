@@ -22,10 +22,11 @@ use nalgebra::Vector2;
 
 use crate::time::AutopilotTime;
 
+use super::super::parting::{Parted, PartingPoint, parted};
 use crate::navigator::tuning::flow::BACK;
 use crate::navigator::tuning::flow_witness::{
-    BLOCK_S, BLOCKS, CLIPPED, CONTRADICTS, EVIDENCE, FIT, FOLLOWED_S, GROUP, LEARNED_S, LEAST_MISFIT,
-    LONGEST_S, MISFIT, MOVED_S, PRIOR_S, SCALE,
+    BLOCK_S, BLOCKS, BY_THRUST, CLIPPED, CONTRADICTS, EVIDENCE, FIT, FOLLOWED_S, GROUP, LEARNED_S,
+    LEAST_MISFIT, LONGEST_S, MISFIT, MOVED_S, PRIOR_S, SCALE,
 };
 use crate::navigator::tuning::gnss::LEAST_SPEED_SIGMA;
 
@@ -38,6 +39,8 @@ pub(super) struct FlowAndInertia {
     pub(super) impulse_ne: Vector2<f64>,
     /// Velocity by GNSS, where that is trusted, NE, m/s.
     pub(super) reference_ne: Option<Vector2<f64>>,
+    /// What of that a multirotor's body felt sideways, which is drag: all the rest is thrust. NE, m/s.
+    pub(super) sideways_ne: Option<Vector2<f64>>,
     /// Of the flow's velocity, an axis, m²/s².
     pub(super) variance: f64,
     /// Of its scale, and of what it is turned by, together.
@@ -58,6 +61,8 @@ pub(super) struct Contradiction {
     /// What the flow shows now, and how far that has gone from inertia since, NE, m/s.
     pub(super) v_ne: Vector2<f64>,
     pub(super) apart_ne: Vector2<f64>,
+    /// Whose doing that is.
+    pub(super) parted: Parted,
 }
 
 /// Means over a block.
@@ -69,6 +74,7 @@ struct VelocityBlock {
     samples: f64,
     v: Vector2<f64>,
     impulse: Vector2<f64>,
+    sideways: Option<Vector2<f64>>,
     /// The flow's velocity less GNSS's, where all samples have that.
     off: Option<Vector2<f64>>,
     /// Of a sample.
@@ -86,6 +92,7 @@ impl VelocityBlock {
             samples: 1.0,
             v: s.v_ne,
             impulse: s.impulse_ne,
+            sideways: s.sideways_ne,
             off: s.reference_ne.map(|v| s.v_ne - v),
             variance: s.variance,
             scale_variance: s.scale_variance,
@@ -100,6 +107,8 @@ impl VelocityBlock {
         self.end = s.time;
         self.v += (s.v_ne - self.v) * part;
         self.impulse += (s.impulse_ne - self.impulse) * part;
+        let sideways = self.sideways.zip(s.sideways_ne);
+        self.sideways = sideways.map(|(mean, new)| mean + (new - mean) * part);
         let off = self.off.zip(s.reference_ne);
         self.off = off.map(|(off, v)| off + (s.v_ne - v - off) * part);
         self.variance += (s.variance - self.variance) * part;
@@ -120,8 +129,20 @@ struct Test {
     moved: f64,
     v: Vector2<f64>,
     apart: Vector2<f64>,
+    /// What of the latter is left where only thrust is felt and the drag of the earlier ones.
+    apart_by_thrust: Option<Vector2<f64>>,
+    variance: f64,
     /// Of the earlier ones.
     then: AutopilotTime,
+}
+
+impl Test {
+    /// Whether it is a multirotor's sideways axes alone that the flow contradicts: nothing pushes it sideways but the air.
+    fn is_sideways(&self, misfit: f64) -> bool {
+        self.apart_by_thrust.is_some_and(|left| {
+            left.norm_squared() < FIT * misfit * self.variance && left.norm() < BY_THRUST * self.apart.norm()
+        })
+    }
 }
 
 /// See the module's documentation.
@@ -244,7 +265,26 @@ impl InertialWitness {
         self.doubted = since;
         let wrong = square > CONTRADICTS || self.evidence > EVIDENCE;
         let fitted = since.map_or(worst.then, |t| t.min(worst.then));
-        wrong.then_some(Contradiction { fitted, v_ne: worst.v, apart_ne: worst.apart })
+        let parted = || match self.parted() {
+            Some(Parted::Either(led)) if worst.is_sideways(self.misfit) => Parted::LedAway(led),
+            parted => parted.unwrap_or(Parted::AtOnce),
+        };
+        wrong.then(|| Contradiction { fitted, v_ne: worst.v, apart_ne: worst.apart, parted: parted() })
+    }
+
+    /// Whose way of parting it is.
+    fn parted(&self) -> Option<Parted> {
+        let last = self.blocks.last()?;
+        let mut points = [PartingPoint::default(); BLOCKS];
+        for (point, b) in points.iter_mut().zip(&self.blocks) {
+            *point = PartingPoint {
+                t: -last.end.seconds_since(b.end),
+                apart: b.difference(),
+                felt: b.impulse,
+                variance: 1.0,
+            };
+        }
+        parted(&points[..self.blocks.len().min(BLOCKS)])
     }
 
     /// Whether the newest blocks show GNSS's velocity: two that agree are not wrong together because a third says so.
@@ -287,6 +327,14 @@ fn compare(earlier: &[VelocityBlock], newest: &[VelocityBlock]) -> Option<Test> 
     let apart = median(newest, VelocityBlock::difference) - median(earlier, VelocityBlock::difference);
     let impulse = median(newest, |b| b.impulse) - median(earlier, |b| b.impulse);
     let v_then = median(earlier, |b| b.v);
+    let by_thrust = || {
+        let sideways = |of: &[VelocityBlock]| {
+            of.iter().all(|b| b.sideways.is_some()).then(|| median(of, |b| b.sideways.unwrap_or_default()))
+        };
+        let drag_then =
+            (from.sideways? - earlier.last()?.sideways?) / -earlier.last()?.begin.seconds_since(from.begin);
+        Some(apart + sideways(newest)? - sideways(earlier)? - drag_then * tau)
+    };
     let speed = v_then.norm_squared().max((v_then + impulse).norm_squared());
     let mean =
         |of: &[VelocityBlock], f: fn(&VelocityBlock) -> f64| of.iter().map(f).sum::<f64>() / of.len() as f64;
@@ -300,6 +348,8 @@ fn compare(earlier: &[VelocityBlock], newest: &[VelocityBlock]) -> Option<Test> 
         moved: impulse.norm_squared() / variance,
         v: median(newest, |b| b.v),
         apart,
+        apart_by_thrust: by_thrust(),
+        variance,
         then: earlier.last()?.begin,
     })
 }
@@ -339,6 +389,7 @@ mod tests {
                 time: AutopilotTime::from_micros((t * 1e6) as i64),
                 v_ne: Vector2::new(told(t, v) + scatter, scatter),
                 impulse_ne: Vector2::new(v + 3.0 + 0.02 * t, 0.01 * t),
+                sideways_ne: None,
                 reference_ne: None,
                 variance: 0.04,
                 scale_variance: 0.0004,
@@ -417,6 +468,7 @@ mod tests {
                 time: AutopilotTime::from_micros((t * 1e6) as i64),
                 v_ne: Vector2::zeros(),
                 impulse_ne: Vector2::repeat(if k < 200 { 0.0 } else { 50.0 }),
+                sideways_ne: None,
                 reference_ne: None,
                 variance: 0.04,
                 scale_variance: 0.0,
