@@ -137,6 +137,29 @@ fn act() -> impl Strategy<Value = Act> {
     ]
 }
 
+/// Two such samples once made inertia lead away by infinitely much.
+#[test]
+fn airspeeds_that_no_vehicle_has_leave_a_solution_that_is_one() {
+    let ready = ready_wing();
+    for airspeed_mps in [9e169, -1e30, 339.0] {
+        let mut navigator = ready.navigator.clone();
+        for (k, step) in ready.flight.steps[ready.from..].iter().take(900).enumerate() {
+            navigator.set_status(step.status);
+            for sample in step.samples.iter().filter(|s| s.kind() != SampleKind::Gnss) {
+                let sample = match sample {
+                    Sample::Airspeed(s) if k > 200 => Sample::Airspeed(AirspeedSample {
+                        airspeed_mps: if k % 2 == 0 { airspeed_mps } else { 0.0 },
+                        ..*s
+                    }),
+                    _ => sample.clone(),
+                };
+                navigator.ingest(&sample);
+            }
+            check_form(&navigator.solution().unwrap(), "airspeeds");
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(500) })]
 

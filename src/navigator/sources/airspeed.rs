@@ -21,7 +21,7 @@ pub(in super::super) use super::airspeed_watch::AirFinding;
 use super::airspeed_watch::{AirspeedWatch, WeighedAirspeed};
 use super::status::Measured;
 use crate::geo::NOMINAL_GRAVITY_MPS2;
-use crate::navigator::tuning::airspeed::{CARRIES_S, MAX_LOAD_G, SAMPLE_INTERVAL_S, STUCK_S};
+use crate::navigator::tuning::airspeed::{CARRIES_S, MAX_LOAD_G, MOST_MPS, SAMPLE_INTERVAL_S, STUCK_S};
 use crate::navigator::tuning::every_source::LATE_S;
 
 /// Settings of the airspeed.
@@ -85,6 +85,9 @@ impl AirspeedSource {
         let air = &core.settings.air;
         if !s.airspeed_mps.is_finite() {
             return Err(Reason::NotFinite);
+        }
+        if s.airspeed_mps.abs() > MOST_MPS {
+            return Err(Reason::OutOfRange);
         }
         if !air.enabled || core.settings.estimator == Estimator::Ekf15 || core.coasts() {
             return Err(Reason::SwitchedOff);

@@ -16,6 +16,8 @@ pub(in crate::navigator) mod airspeed {
     pub(in crate::navigator) const STUCK_S: f64 = 3.0;
     /// Noise is stated for samples this far apart, s: gusts last, and more samples tell no more.
     pub(in crate::navigator) const SAMPLE_INTERVAL_S: f64 = 0.2;
+    /// What tells more than the speed of sound is no pitot tube of a vehicle's, m/s.
+    pub(in crate::navigator) const MOST_MPS: f64 = 340.0;
     /// Beyond this load a wing does not fly nose first, in g.
     pub(in crate::navigator) const MAX_LOAD_G: f64 = 2.5;
     /// An airspeed carries the velocity for this long, s.
