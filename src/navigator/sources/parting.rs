@@ -10,7 +10,9 @@
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
-use crate::navigator::tuning::parting::{BEFORE, CLEAR_OF, LEADS_POINTS, LEAST_SQUARE, POINTS_SINCE, RIDGE};
+use crate::navigator::tuning::parting::{
+    BEFORE, CLEAR_OF, LEADS_POINTS, LEAST_SQUARE, NOISIER, POINTS_SINCE, RIDGE,
+};
 
 /// A mean over some time.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +59,8 @@ struct PartingFit {
     onset: f64,
     /// So many points ago.
     since: usize,
+    /// What it leaves of a point since then.
+    scatter: f64,
     went: Vector2<f64>,
 }
 
@@ -74,13 +78,23 @@ pub(super) fn parted(points: &[PartingPoint]) -> Option<Parted> {
     let inertia = best([Way::Acceleration, Way::Jerk])?;
     let least = points.len() as f64 * LEAST_SQUARE;
     let odds = 2.0 * points.len() as f64 * ((sensor.left + least) / (inertia.left + least)).ln();
+    let calm = scatter(points.get(..points.len() / 3)?) + LEAST_SQUARE;
     let led = LedAway { for_s: last.t - inertia.onset, velocity_mps: inertia.went.norm() };
     Some(match odds {
-        // What comes within a mean or two cannot be told from a step.
-        odds if odds < -CLEAR_OF || inertia.since < LEADS_POINTS => Parted::AtOnce,
+        // What comes within a mean or two cannot be told from a step, and what scatters since then is a sensor's noise.
+        odds if odds < -CLEAR_OF || inertia.since < LEADS_POINTS || inertia.scatter > NOISIER * calm => {
+            Parted::AtOnce
+        }
         odds if odds > CLEAR_OF => Parted::LedAway(led),
         _ => Parted::Either(led),
     })
+}
+
+/// What points leave of their mean, each.
+fn scatter(points: &[PartingPoint]) -> f64 {
+    let n = points.len().max(1) as f64;
+    let mean = points.iter().map(|p| p.apart).sum::<Vector2<f64>>() / n;
+    points.iter().map(|p| (p.apart - mean).norm_squared() / p.variance).sum::<f64>() / n
 }
 
 /// The ways to part.
@@ -94,9 +108,9 @@ enum Way {
 
 /// The two numbers of a way that begins before point `k`, and c, by least squares. That point, which may lie on both sides of it, does not count.
 fn fit(points: &[PartingPoint], k: usize, way: Way) -> Option<PartingFit> {
-    let before = points.get(..k)?;
-    let c = before.iter().map(|p| p.apart).sum::<Vector2<f64>>() / before.len() as f64;
-    let (last_before, onset) = (before.last()?.t, points.get(k)?.t);
+    let agreed = points.get(..k)?;
+    let c = agreed.iter().map(|p| p.apart).sum::<Vector2<f64>>() / agreed.len() as f64;
+    let (last_before, onset) = (agreed.last()?.t, points.get(k)?.t);
     // What one unit of each of the two numbers makes of d: [north, east].
     let effect = |i: usize, p: &PartingPoint| match way {
         _ if i < k => Matrix2::zeros(),
@@ -120,10 +134,14 @@ fn fit(points: &[PartingPoint], k: usize, way: Way) -> Option<PartingFit> {
     }
     let x = normal.cholesky()?.solve(&right);
     let left = |(i, p): (usize, &PartingPoint)| (p.apart - row(i, p) * x).norm_squared() / p.variance;
+    let before = points.iter().enumerate().take(k).map(left).sum::<f64>();
+    let after = points.iter().enumerate().skip(k + 1).map(left).sum::<f64>();
+    let since = points.len() - k;
     let end = effect(points.len() - 1, points.last()?);
     Some(PartingFit {
-        left: points.iter().enumerate().filter(|(i, _)| *i != k).map(left).sum(),
-        since: points.len() - k,
+        left: before + after,
+        since,
+        scatter: after / since as f64,
         onset: 0.5 * (last_before + onset),
         went: end * x.fixed_rows::<2>(2),
     })
@@ -170,6 +188,12 @@ mod tests {
                 "{led:?}"
             );
         }
+    }
+
+    #[test]
+    fn a_sensor_that_becomes_noisy_has_gone_itself() {
+        let noise = |t: f64| Vector2::new((37.0 * t).sin(), (53.0 * t).cos()) * 1.5;
+        assert_eq!(parted(&flight(|t, _| noise(t) + Vector2::new(0.6 * t, 0.0))), Some(Parted::AtOnce));
     }
 
     #[test]

@@ -213,6 +213,8 @@ pub(in crate::navigator) mod parting {
     pub(in crate::navigator) const POINTS_SINCE: usize = 3;
     /// One way of parting explains more than another by so much, as a square of sigmas: a hundred times as likely.
     pub(in crate::navigator) const CLEAR_OF: f64 = 9.2;
+    /// What scatters by this more, as a square, since they have parted is a sensor's noise: three times.
+    pub(in crate::navigator) const NOISIER: f64 = 9.0;
     /// Inertia leads away over no less than so many points.
     pub(in crate::navigator) const LEADS_POINTS: usize = 5;
     /// No velocity is better than this, as a square, (m/s)²; what keeps least squares regular where nothing moves.
