@@ -151,7 +151,7 @@ fn airspeeds_that_no_vehicle_has_leave_a_solution_that_is_one() {
                         airspeed_mps: if k % 2 == 0 { airspeed_mps } else { 0.0 },
                         ..*s
                     }),
-                    _ => sample.clone(),
+                    _ => *sample,
                 };
                 navigator.ingest(&sample);
             }

@@ -264,7 +264,7 @@ impl JumpBank {
     /// A new onset.
     fn begin(&mut self) {
         self.begun = self.begun.wrapping_add(1);
-        let stays = JUMP_EVERY.iter().take_while(|every| self.begun % **every == 0).count();
+        let stays = JUMP_EVERY.iter().take_while(|every| self.begun.is_multiple_of(**every)).count();
         self.windows[..stays].rotate_right(1);
         self.windows[0] = JumpWindow::new();
     }

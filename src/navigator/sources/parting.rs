@@ -178,11 +178,11 @@ mod tests {
 
     #[test]
     fn a_bias_of_inertia_and_a_tilt_that_grows_lead_away() {
-        let ways: [fn(f64, Vector2<f64>) -> Vector2<f64>; 2] =
-            [|t, _| Vector2::new(t, 0.3 * t), |t, _| Vector2::new(0.0, 0.6 * t * t)];
+        let ways: [fn(f64) -> Vector2<f64>; 2] =
+            [|t| Vector2::new(t, 0.3 * t), |t| Vector2::new(0.0, 0.6 * t * t)];
         for way in ways {
-            let Some(Parted::LedAway(led)) = parted(&flight(way)) else { panic!() };
-            let went = way(2.75, Vector2::zeros()).norm();
+            let Some(Parted::LedAway(led)) = parted(&flight(|t, _| way(t))) else { panic!() };
+            let went = way(2.75).norm();
             assert!(
                 (led.for_s - 2.75).abs() < 0.6 && (led.velocity_mps - went).abs() < 0.2 * went,
                 "{led:?}"
