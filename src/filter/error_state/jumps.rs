@@ -258,6 +258,10 @@ impl JumpBank {
         pending.append(transition);
         if pending.dt >= JUMP_STEP_S {
             self.catch_up();
+            if self.since_s > JUMP_SPACING_S {
+                self.since_s = 0.0;
+                self.begin();
+            }
         }
     }
 
@@ -269,15 +273,11 @@ impl JumpBank {
         self.windows[0] = JumpWindow::new();
     }
 
-    /// J follows what has been.
+    /// J follows what has been; the windows stay which they are.
     pub(super) fn catch_up(&mut self) {
         let Some(pending) = self.pending.take() else { return };
         let phi = pending.phi();
         self.since_s += pending.dt;
-        if self.since_s > JUMP_SPACING_S {
-            self.since_s = 0.0;
-            self.begin();
-        }
         for window in &mut self.windows {
             window.propagate(&pending, &phi);
         }
