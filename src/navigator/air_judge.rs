@@ -1,5 +1,5 @@
 //! Who says that a pitot tube is wrong: see [`super::sources::airspeed::AirspeedSource::weigh`]. From the first sample that does not fit it is not used, so
-//! that neither velocity nor wind learn of it, and it does not carry.
+//! that neither velocity nor wind learn of it, and it does not carry. Where it and inertia have parted as inertia leads away, that is charged instead.
 //!
 //! It is believed again when it fits for some seconds: what GNSS and the wind of before make of it, or, without GNSS, inertia carried on from where it
 //! still fitted, for as long as that is known better than what was wrong. With GNSS it is, too, when a turn shows that it was the wind that changed
@@ -29,9 +29,7 @@ pub(super) fn weigh(core: &mut Core, sources: &mut SourceSet, m: &MeasuredAirspe
                 // With GNSS, that has corrected what the velocity has learned of it.
                 take_back(core, since);
             }
-            if let Some(led) = or_led {
-                core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
-            }
+            inertia::may_have_led_away(core, or_led.as_ref());
         }
         Some(AirFinding::LedAway(led)) => inertia::led_away(core, m.time, &led),
         Some(AirFinding::Back) => judge::acquit(core, m.time, TUBE),

@@ -1,5 +1,5 @@
 //! Who says that a flow is wrong, and what follows: it is charged, what it has taught the filter is taken back, and it does not carry until it is
-//! acquitted.
+//! acquitted. Where it and inertia have parted as inertia leads away, that is charged instead.
 //!
 //! A flow that repeats itself is believed again with the first sample that does not ([`judge::repeats`]). One that contradicts inertia is when it has
 //! followed inertia for some seconds of motion and shows the velocity that the filter has, by GNSS or by coasting
@@ -47,9 +47,7 @@ pub(super) fn weigh(
         Some(FlowFinding::Astray { since, or_led }) => {
             judge::accuse(core, m.time, source, Charge::ContradictsInertia);
             take_back(core, since);
-            if let Some(led) = or_led {
-                core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
-            }
+            inertia::may_have_led_away(core, or_led.as_ref());
         }
         Some(FlowFinding::LedAway(led)) => inertia::led_away(core, m.time, &led),
         Some(FlowFinding::Back) => judge::acquit(core, m.time, source),

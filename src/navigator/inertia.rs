@@ -147,7 +147,14 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
 /// Whoever carries has been left by inertia as that leads away. What it has done until now is doubted, and what carries corrects it.
 pub(super) fn led_away(core: &mut Core, now: AutopilotTime, led: &LedAway) {
     judge::accuse(core, now, IMU, Charge::Jumped);
-    core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
+    may_have_led_away(core, Some(led));
+}
+
+/// Nobody is charged for that, but what inertia may have done is doubted.
+pub(super) fn may_have_led_away(core: &mut Core, led: Option<&LedAway>) {
+    if let Some(led) = led {
+        core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
+    }
 }
 
 /// Whether the vehicle is in the air, or as fast as if it were.

@@ -5,7 +5,8 @@ use nalgebra::Matrix2;
 use crate::filter::error_state::{Correction, Doubt, JumpWindow};
 use crate::geo::NOMINAL_GRAVITY_MPS2;
 use crate::navigator::tuning::error_state::{MOVING_GYRO_BIAS, START_ACCEL_BIAS};
-use crate::navigator::tuning::parting::{DOUBTED_S, MOST_DOUBTED_MPS};
+use crate::navigator::tuning::parting::DOUBTED_S;
+use crate::navigator::tuning::plausibility::MOST_MPS;
 use crate::sample::ImuSample;
 
 use super::EstimatorStack;
@@ -40,7 +41,7 @@ impl EstimatorStack {
     /// Inertia has led away for `seconds`, by `velocity` m/s: by a tilt, or by an accelerometer's bias, that may still be there.
     pub(in super::super) fn doubt_inertia(&mut self, seconds: f64, velocity: f64) {
         // What no vehicle does is no measure of a doubt.
-        let velocity = velocity.min(MOST_DOUBTED_MPS);
+        let velocity = velocity.min(MOST_MPS);
         if let Some(stage) = self.error_state_mut() {
             let acceleration = velocity / seconds.max(DOUBTED_S);
             stage.filter_mut().doubt(&Doubt {

@@ -2,7 +2,7 @@
 //! ([`crate::filter::error_state::JumpWindow`]).
 //!
 //! With white innovations what a jump explains is χ²; with what flights really are (gusts, iron, latency) it is more, by how much is learned while GNSS is good,
-//! from the filter and from a dead reckoning beside it ([`UsualSpread`]). An axis has jumped where that is far beyond what is usual, and explains clearly more than a change of magnetometer, flow or wind would.
+//! from the filter and from a dead reckoning beside it ([`UsualSpread`]). An axis has jumped where that is far beyond what is usual for one; it is the one that explains most, for all of them have to explain the same innovations, if that is clearly more than a change of magnetometer, flow or wind would.
 //!
 //! A gyro's scale, alignment and sampling make errors in proportion to how fast a vehicle turns: where it turns faster than it used to while that was learned, more is usual.
 //!

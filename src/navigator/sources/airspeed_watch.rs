@@ -197,7 +197,7 @@ impl AirspeedWatch {
         }
         (self.gone, self.since) = (Some(self.deviation().abs()), None);
         (self.moved, self.bent) = (0.0, 0.0);
-        let or_led = if let Some(Parted::Either(led)) = parted { Some(led) } else { None };
+        let or_led = parted.and_then(Parted::doubt);
         Some(AirFinding::Astray { since: since - Span::from_seconds(2.0 * MEAN_S), or_led })
     }
 

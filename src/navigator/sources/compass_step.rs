@@ -3,7 +3,8 @@
 //! A field that was measured a moment ago, turned by what the gyros felt since, is what should be measured now; the horizontal part of their difference, over the
 //! horizontal field of the place, is the *change*: what the heading is turned by, at this attitude or at another. How large changes within [`BEFORE_S`] are, is learned of every vehicle (currents, iron, latency), as a standard deviation. A change of more than
 //! 5 of them, and than [`LEAST_STEP`], that stays is a *step*, if it is one of the heading, or if most of it came between two samples: a gyro that fails turns
-//! all of the field little by little. Gyros do not step: the magnetometer is wrong. (What drifts may be either, and only motion tells.)
+//! all of the field little by little. Gyros do not step: the magnetometer is wrong. A heading that moves within that time, but not from one sample to the next, may be a gyro's: it is a step after [`SOFT_STANDS_S`], if no axis of the IMU is doubted by then. (What drifts
+//! more slowly may be either, and only motion tells.)
 //!
 //! While the vehicle turns fast its latency hides a step. So the last field before the turn is carried through it by the gyros, and compared with the first
 //! one after: what iron on the vehicle makes of another heading is learned as well, turn by turn.

@@ -15,21 +15,13 @@ use crate::navigator::tuning::parting::{
 };
 
 /// A mean over some time.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PartingPoint {
     /// s, from any zero.
     pub(super) t: f64,
     /// d and I, m/s.
     pub(super) apart: Vector2<f64>,
     pub(super) felt: Vector2<f64>,
-    /// Of d, an axis, over that of any other; not zero.
-    pub(super) variance: f64,
-}
-
-impl Default for PartingPoint {
-    fn default() -> Self {
-        Self { t: 0.0, apart: Vector2::zeros(), felt: Vector2::zeros(), variance: 1.0 }
-    }
 }
 
 /// Whose way of parting it was.
@@ -41,6 +33,13 @@ pub(in super::super) enum Parted {
     LedAway(LedAway),
     /// Nobody can tell; if inertia's, so.
     Either(LedAway),
+}
+
+impl Parted {
+    /// How inertia may have led away, where nobody can tell.
+    pub(super) fn doubt(self) -> Option<LedAway> {
+        if let Parted::Either(led) = self { Some(led) } else { None }
+    }
 }
 
 /// How inertia led away, if that it was.
@@ -94,7 +93,7 @@ pub(super) fn parted(points: &[PartingPoint]) -> Option<Parted> {
 fn scatter(points: &[PartingPoint]) -> f64 {
     let n = points.len().max(1) as f64;
     let mean = points.iter().map(|p| p.apart).sum::<Vector2<f64>>() / n;
-    points.iter().map(|p| (p.apart - mean).norm_squared() / p.variance).sum::<f64>() / n
+    points.iter().map(|p| (p.apart - mean).norm_squared()).sum::<f64>() / n
 }
 
 /// The ways to part.
@@ -129,11 +128,11 @@ fn fit(points: &[PartingPoint], k: usize, way: Way) -> Option<PartingFit> {
     let (mut normal, mut right) = (Matrix4::identity() * RIDGE, Vector4::zeros());
     for (i, p) in points.iter().enumerate().filter(|(i, _)| *i != k) {
         let row = row(i, p);
-        normal += row.tr_mul(&row) / p.variance;
-        right += row.tr_mul(&p.apart) / p.variance;
+        normal += row.tr_mul(&row);
+        right += row.tr_mul(&p.apart);
     }
     let x = normal.cholesky()?.solve(&right);
-    let left = |(i, p): (usize, &PartingPoint)| (p.apart - row(i, p) * x).norm_squared() / p.variance;
+    let left = |(i, p): (usize, &PartingPoint)| (p.apart - row(i, p) * x).norm_squared();
     let before = points.iter().enumerate().take(k).map(left).sum::<f64>();
     let after = points.iter().enumerate().skip(k + 1).map(left).sum::<f64>();
     let since = points.len() - k;
@@ -160,7 +159,7 @@ mod tests {
                 let noise = Vector2::new(f64::from(k * 7919 % 13) - 6.0, f64::from(k * 104_729 % 11) - 5.0);
                 let gone = if t < 3.0 { Vector2::zeros() } else { apart(t - 3.0, felt) };
                 let apart = Vector2::new(1.0, -2.0) + gone + noise * 0.01;
-                PartingPoint { t, apart, felt, variance: 1.0 }
+                PartingPoint { t, apart, felt }
             })
             .collect()
     }

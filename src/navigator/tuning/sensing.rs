@@ -220,9 +220,8 @@ pub(in crate::navigator) mod parting {
     /// No velocity is better than this, as a square, (m/s)²; what keeps least squares regular where nothing moves.
     pub(in crate::navigator) const LEAST_SQUARE: f64 = 1e-4;
     pub(in crate::navigator) const RIDGE: f64 = 1e-9;
-    /// Inertia has led away for this long, at least, s, and by no more than this, m/s.
+    /// Inertia has led away for this long, at least, s.
     pub(in crate::navigator) const DOUBTED_S: f64 = 0.5;
-    pub(in crate::navigator) const MOST_DOUBTED_MPS: f64 = 150.0;
 }
 
 /// Whether a distance follows the height.

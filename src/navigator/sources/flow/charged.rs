@@ -232,7 +232,7 @@ impl FlowSource {
             }
             Some(found) => {
                 sensor.go_astray(&found);
-                let or_led = if let Parted::Either(led) = found.parted { Some(led) } else { None };
+                let or_led = found.parted.doubt();
                 Some(FlowFinding::Astray { since: found.fitted, or_led })
             }
             None => {

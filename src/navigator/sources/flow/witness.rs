@@ -15,6 +15,9 @@
 //!
 //! A heading that is corrected meanwhile turns v against I; by how much is known, and adds to ε.
 //!
+//! A contradiction is the flow's where the two have parted as a sensor does, and inertia's where they have as that leads away ([`super::super::parting`]); where both explain it
+//! as well, inertia's on a multirotor whose thrust alone, with the drag of before, makes the velocity that the flow shows: nothing else pushes it sideways.
+//!
 //! A finding is over when the differences have fitted for some seconds in which the vehicle's velocity has changed by more than they may be
 //! wrong by: a flow that shows zero of a hover fits, and proves nothing.
 
@@ -277,12 +280,8 @@ impl InertialWitness {
         let last = self.blocks.last()?;
         let mut points = [PartingPoint::default(); BLOCKS];
         for (point, b) in points.iter_mut().zip(&self.blocks) {
-            *point = PartingPoint {
-                t: -last.end.seconds_since(b.end),
-                apart: b.difference(),
-                felt: b.impulse,
-                variance: 1.0,
-            };
+            *point =
+                PartingPoint { t: -last.end.seconds_since(b.end), apart: b.difference(), felt: b.impulse };
         }
         parted(&points[..self.blocks.len().min(BLOCKS)])
     }
