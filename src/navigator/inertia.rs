@@ -9,6 +9,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use nalgebra::Matrix3;
 
 use crate::altimeter::Channel;
+use crate::filter::error_state::{JumpOdds, JumpWindow};
 use crate::geo::STANDARD_GRAVITY_MPS2;
 use crate::sample::MagSample;
 use crate::time::AutopilotTime;
@@ -31,6 +32,9 @@ use crate::navigator::tuning::inertia_witness::{LEAST_MPS2, TILT_SIGMAS, UNKNOWN
 use crate::navigator::tuning::shadow::{FLIES_M, FLIES_MPS};
 
 const IMU: SourceId = SourceId::only(SourceKind::Imu);
+/// Those that show inertia to be wrong that has jumped already.
+const WITNESSES: [SourceKind; 4] =
+    [SourceKind::Flow, SourceKind::Airspeed, SourceKind::Drag, SourceKind::Magnetometer];
 
 /// Whether the newest sample is not to be navigated on, and why not.
 pub(super) fn missing(core: &mut Core, now: AutopilotTime) -> Option<Reason> {
@@ -111,49 +115,71 @@ pub(super) fn hear_field(core: &mut Core, s: &MagSample) {
     }
 }
 
-/// Whether an axis has jumped: then the filter is what it would be had it known, and what is published follows.
+/// Whether an axis has jumped: then the filter is what it would be had it known, and what is published follows. Where one has, and something that nothing is
+/// held against does not fit even so, no jump was what is wrong.
 pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFacts) {
     if core.witnesses.jumps.waits(now) {
         return;
     }
     let aided = core.mode == Mode::Aided && core.integrity.trusted();
+    let jumped = core.statuses.charge(IMU) == Some(Charge::Jumped);
+    if !aided && jumped && core.statuses.misfits(now, &WITNESSES) {
+        return lose(core, now);
+    }
     let flies = flies(core, facts);
     let windows = core.estimator.jump_windows();
     if aided && flies {
         core.witnesses.jumps.learn(now, windows, core.estimator.jump_windows_alone());
     }
     match core.witnesses.jumps.judge(now, windows, (aided, flies)) {
-        JumpFinding::Quiet => {}
-        JumpFinding::Suspected { window, jump, odds } => {
-            core.estimator.suspect_jump(window, jump, odds);
-            let held = core.statuses.charge(IMU) == Some(Charge::Jumped);
-            if held && core.witnesses.jumps.is_quiet(now) {
+        JumpFinding::Suspected(jumps) => {
+            core.estimator.suspect_jumps(now, &jumps);
+            let watch = &core.witnesses.jumps;
+            let shown_by = |gone: &JumpWindow| watch.suspected(std::slice::from_ref(gone), aided);
+            core.estimator.keep_suspicion(|gone| if flies { shown_by(gone) } else { [None; 2] });
+            if aided {
+                core.estimator.forget_suspicion();
+            }
+            if jumped && core.witnesses.jumps.is_quiet(now) {
                 judge::acquit(core, now, IMU);
             }
         }
         JumpFinding::Found { window, jump } => {
             judge::accuse(core, now, IMU, Charge::Jumped);
-            let Some(moved) = core.estimator.believe_jump(window, jump) else { return };
-            core.timeline.reset(&Reset::Relocated);
-            core.published.stays(&moved.position_ned);
-            // Of the barometer's word nothing is lost by that.
-            core.witnesses.heading.forget();
-            core.witnesses.gnss.forget();
+            let mut odds = JumpOdds::default();
+            odds[window][jump] = 1.0;
+            believe_jumps(core, &odds);
         }
         JumpFinding::Hopeless => lose(core, now),
     }
 }
 
-/// Whoever carries has been left by inertia as that leads away. What it has done until now is doubted, and what carries corrects it.
+/// The filter is what it would be had it known of a jump, with these odds which. What did not fit until now is explained.
+fn believe_jumps(core: &mut Core, odds: &JumpOdds) {
+    let Some(moved) = core.estimator.believe_jumps(odds) else { return };
+    core.statuses.explained();
+    core.timeline.reset(&Reset::Relocated);
+    core.published.stays(&moved.position_ned);
+    // Of the barometer's word nothing is lost by that.
+    core.witnesses.heading.forget();
+    core.witnesses.gnss.forget();
+}
+
+/// Whoever carries has been left by inertia as that leads away. If the filter's innovations show which axis may have jumped, it is what it would be had it known; what
+/// inertia has done until now is doubted in any case, and what carries corrects it.
 pub(super) fn led_away(core: &mut Core, now: AutopilotTime, led: &LedAway) {
     judge::accuse(core, now, IMU, Charge::Jumped);
+    core.statuses.explained();
+    if let Some(odds) = core.witnesses.jumps.told(core.estimator.jump_windows()) {
+        believe_jumps(core, &odds);
+    }
     may_have_led_away(core, Some(led));
 }
 
 /// Nobody is charged for that, but what inertia may have done is doubted.
 pub(super) fn may_have_led_away(core: &mut Core, led: Option<&LedAway>) {
     if let Some(led) = led {
-        core.estimator.doubt_inertia(led.for_s, led.velocity_mps);
+        core.estimator.doubt_inertia(led);
     }
 }
 

@@ -48,6 +48,17 @@ fn accelerometers_that_lead_away_convict_neither_flow_nor_airspeed() {
     }
 }
 
+/// A gyro that turns round is no jump of its bias: what is believed of it is contradicted by all others, and then inertia is given up.
+#[test]
+fn a_gyro_that_turns_round_is_given_up_before_it_leads_away() {
+    let number = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN);
+    let rows = stress(COPTER, "4", &["gyro.y:flip"], 0);
+    assert_eq!(rows.len(), 4);
+    for row in rows {
+        assert!(number(&row, "worst_sigmas") < 2.0 && number(&row, "error_m") < 200.0, "{row}");
+    }
+}
+
 #[test]
 fn an_axis_that_has_jumped_is_believed_again_when_the_correction_has_proven_right() {
     let log = sitl_log(COPTER);

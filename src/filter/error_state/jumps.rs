@@ -14,6 +14,8 @@
 //!
 //! J follows the motion in steps of a tenth of a second, in single precision and jump beside jump: what it is for, is a test.
 
+use std::ops::Range;
+
 use nalgebra::{SVector, Vector2};
 
 use super::covariance::{ErrorTransition, Phi, SparseRow};
@@ -25,8 +27,12 @@ use super::{BA, BG, BM, FLOW, P, SG, STATES, V, WIND};
 /// What may jump: gyro biases, accelerometer biases and gyro scales of the IMU's axes, and then the IMU's rivals: magnetometer bias x and y, flow
 /// (bias x, y, scale), the velocity, as a receiver seems to have it that begins to lie, height, wind, and a compass that is turned about the body's z axis.
 pub const JUMPS: usize = 21;
-/// So many of them are the IMU's.
-pub const IMU_JUMPS: usize = 9;
+/// Those of the IMU.
+pub const IMU_JUMPS: Range<usize> = 0..9;
+/// Those of a flow sensor.
+pub const FLOW_JUMPS: Range<usize> = 11..14;
+/// Odds of every jump of every window: a row a window.
+pub type JumpOdds = [[f64; JUMPS]; JUMP_WINDOWS];
 
 /// The last is no error state: it shows in what a magnetometer tells alone, r = H J + ∂m/∂ψ.
 const COMPASS: usize = JUMPS - 1;
@@ -155,16 +161,17 @@ impl JumpWindow {
         self.without_flow.fit(jump)
     }
 
-    /// How far a jump that happened would move the horizontal position, NE, m.
-    pub fn moves(&self, jump: usize) -> Option<Vector2<f64>> {
+    /// How far a jump that happened would move the horizontal position and velocity, NE, m and m/s.
+    pub fn moves(&self, jump: usize) -> Option<[Vector2<f64>; 2]> {
         let size = self.fit(jump)?.size;
-        Some(Vector2::new(f64::from(self.effect[P][jump]), f64::from(self.effect[P + 1][jump])) * size)
+        let by = |at: usize| Vector2::from_fn(|i, _| f64::from(self.effect[at + i][jump])) * size;
+        Some([by(P), by(V)])
     }
 
-    /// J of a jump, and the variance of its size, 1/C.
+    /// J of a jump, and the variance of its size, 1/(C + 1/σ²).
     pub(super) fn effect(&self, jump: usize) -> (SVector<f64, STATES>, f64) {
         let effect = SVector::from_fn(|i, _| f64::from(self.effect[i][jump]));
-        (effect, 1.0 / self.all.information[jump].max(f64::MIN_POSITIVE))
+        (effect, 1.0 / (self.all.information[jump] + 1.0 / (PRIOR[jump] * PRIOR[jump])))
     }
 
     fn propagate(&mut self, by: &ErrorTransition, phi: &Phi) {
@@ -211,6 +218,8 @@ pub(super) struct JumpBank {
     on: bool,
     /// The newest first. Each takes over from the one before every so many spacings, so that onsets of late lie close together and earlier ones farther apart.
     windows: [JumpWindow; JUMP_WINDOWS],
+    /// The last that was the oldest.
+    gone: Option<JumpWindow>,
     /// How many were begun, and for how long the newest has gone on, s.
     begun: u32,
     since_s: f64,
@@ -227,6 +236,7 @@ impl JumpBank {
         Self {
             on,
             windows: std::array::from_fn(|_| JumpWindow::new()),
+            gone: None,
             begun: 0,
             since_s: 0.0,
             of_flow: false,
@@ -237,6 +247,11 @@ impl JumpBank {
 
     pub(super) fn windows(&self) -> &[JumpWindow] {
         if self.on { &self.windows } else { &[] }
+    }
+
+    /// See [`super::Eskf::take_gone_jumps`].
+    pub(super) fn take_gone(&mut self) -> Option<JumpWindow> {
+        self.gone.take()
     }
 
     /// What happened until now has nothing to do with what comes.
@@ -270,6 +285,9 @@ impl JumpBank {
         self.begun = self.begun.wrapping_add(1);
         let stays = JUMP_EVERY.iter().take_while(|every| self.begun.is_multiple_of(**every)).count();
         self.windows[..stays].rotate_right(1);
+        if stays == JUMP_WINDOWS {
+            self.gone = Some(self.windows[0].clone());
+        }
         self.windows[0] = JumpWindow::new();
     }
 
@@ -396,7 +414,9 @@ mod tests {
             let alike = [(0, 4), (1, 3), (3, 1)].contains(&(jump, found));
             assert!(fit.square > 40.0 && (found == jump || alike), "{jump}: {found} {fit:?}");
             let before = *filter.state();
-            filter.believe_jump(window, found).unwrap();
+            let mut odds = JumpOdds::default();
+            odds[window][found] = 1.0;
+            filter.believe_jumps(&odds);
             let after = *filter.state();
             if found == jump {
                 let bias = |s: &EskfState| if jump < 3 { s.gyro_bias } else { s.accel_bias }[jump % 3];

@@ -28,10 +28,11 @@ use crate::geo::so3::exp;
 pub use carry::Doubt;
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 use jumps::JumpBank;
-pub use jumps::{IMU_JUMPS, JUMPS, JumpFit, JumpWindow};
+pub use jumps::{FLOW_JUMPS, IMU_JUMPS, JUMPS, JumpFit, JumpOdds, JumpWindow};
 pub use measure::{Lag, SeenFlow};
 pub use memory::EskfMemory;
-use tuning::{COVARIANCE_STEP_S, JUMP_ONSET_PART, REORTHONORMALISE};
+pub use tuning::JUMP_ONSET_PART;
+use tuning::{COVARIANCE_STEP_S, REORTHONORMALISE};
 
 /// Size of the error state.
 pub const STATES: usize = 29;
@@ -345,30 +346,40 @@ impl Eskf {
         self.jumps.forget();
     }
 
-    /// A state has jumped at a window's beginning, or some time after it: the filter is what it would be had it known, and leaves open what it does not
-    /// know of the size. `None` where nothing shows the jump.
-    pub fn believe_jump(&mut self, window: usize, jump: usize) -> Option<Correction> {
+    /// The window of [`Self::jump_windows`] that has gone since this was asked last: the oldest, with what it had shown.
+    pub fn take_gone_jumps(&mut self) -> Option<JumpWindow> {
+        self.jumps.take_gone()
+    }
+
+    /// What the filter would hold had it known of a jump, where each that [`Self::jump_windows`] show has happened with these odds, which sum up to one: the
+    /// mean of x̂ + J f̂ over them, and their spread beside each one's own, (1/C + (½ f̂)²) J Jᵀ, where half of f̂ is what it is known to for a window that
+    /// does not begin when the jump was. The windows are forgotten: what was is explained.
+    pub fn believe_jumps(&mut self, odds: &JumpOdds) -> Correction {
         self.propagate_covariance();
         self.jumps.catch_up();
-        let shown = self.jumps.windows().get(window)?;
-        let fit = shown.fit(jump)?;
-        let (effect, variance) = shown.effect(jump);
-        let variance = variance + (JUMP_ONSET_PART * fit.size).powi(2);
-        for j in 0..STATES {
-            for i in 0..STATES {
-                self.p[(i, j)] += effect[i] * effect[j] * variance;
+        let mut mean = SVector::<f64, STATES>::zeros();
+        let mut spread = Covariance::zeros();
+        let mut nis = 0.0;
+        for (shown, odds) in self.jumps.windows().iter().zip(odds) {
+            for (jump, odds) in odds.iter().enumerate().filter(|(_, odds)| **odds > 0.0) {
+                let Some(fit) = shown.fit(jump) else { continue };
+                let (effect, variance) = shown.effect(jump);
+                mean += effect * (fit.size * odds);
+                nis += fit.square * odds;
+                let square = variance + fit.size.powi(2) * (1.0 + JUMP_ONSET_PART.powi(2));
+                spread += effect * effect.transpose() * (square * odds);
             }
         }
-        let dx = effect * fit.size;
-        self.inject(&dx);
+        self.p += spread - mean * mean.transpose();
+        self.inject(&mean);
         self.restart_transition();
         self.jumps.forget();
-        Some(Correction {
-            position_ned: dx.fixed_rows::<3>(P).into_owned(),
-            velocity_ned: dx.fixed_rows::<3>(V).into_owned(),
-            nis: fit.square,
-            all: dx,
-        })
+        Correction {
+            position_ned: mean.fixed_rows::<3>(P).into_owned(),
+            velocity_ned: mean.fixed_rows::<3>(V).into_owned(),
+            nis,
+            all: mean,
+        }
     }
 
     /// Noise densities of gyros and accelerometers from now on, rad/s/√Hz and m/s²/√Hz.

@@ -16,7 +16,7 @@ pub(super) const JUMP_WINDOWS: usize = 6;
 /// Their sensitivity follows the motion in steps of this, s.
 pub(super) const JUMP_STEP_S: f64 = 0.1;
 /// A jump happened between two onsets: its size is off by about this part of it.
-pub(super) const JUMP_ONSET_PART: f64 = 0.5;
+pub const JUMP_ONSET_PART: f64 = 0.5;
 /// In them an innovation counts for no more than so many sigmas.
 pub(super) const OUTLIER_SIGMAS: f64 = 5.0;
 /// Beyond so many of its sigmas what has happened is no jump.

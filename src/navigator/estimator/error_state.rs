@@ -5,7 +5,8 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
 use crate::filter::error_state::{
-    AirModel, Correction, Eskf, EskfMemory, EskfSettings, EskfState, Lag, SeenFlow, StartSigma,
+    AirModel, Correction, Eskf, EskfMemory, EskfSettings, EskfState, JumpOdds, JumpWindow, Lag, SeenFlow,
+    StartSigma,
 };
 use crate::geo::so3;
 use crate::observer::ObserverState;
@@ -210,9 +211,14 @@ impl ErrorStateStage {
         &mut self.filter
     }
 
-    /// An axis of the IMU has jumped; what was before stays its past.
-    pub(super) fn believe_jump(&mut self, window: usize, jump: usize) -> Option<Correction> {
-        self.filter.believe_jump(window, jump)
+    /// See [`Eskf::believe_jumps`]; what was before stays its past.
+    pub(super) fn believe_jumps(&mut self, odds: &JumpOdds) -> Correction {
+        self.filter.believe_jumps(odds)
+    }
+
+    /// See [`Eskf::take_gone_jumps`].
+    pub(super) fn take_gone_jumps(&mut self) -> Option<JumpWindow> {
+        self.filter.take_gone_jumps()
     }
 
     /// Takes back what was measured since `then`: the filter goes on from there by inertia alone, but for the height. How far that moves it,

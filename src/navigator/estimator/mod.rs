@@ -3,7 +3,6 @@
 //! The observer (Grip's or Fusini's, [`observer`]) always runs. `nlo` and `nlo_printed` publish it as it is; `shipped`, `ekf15` and
 //! `inertial` publish the error-state filter ([`error_state`]), which the observer starts and watches; `xkf` publishes the exogenous Kalman
 //! filter over it ([`exogenous`]). Where nothing tells a heading, [`heading`] finds it from motion.
-//!
 //! SourceSet give [`Observation`]s; nobody else changes the estimate.
 
 mod air;
@@ -15,9 +14,10 @@ mod lookback;
 mod observer;
 mod proven;
 mod step;
+mod suspected;
 mod without_inertia;
 
-use nalgebra::{Matrix2, Matrix3, Matrix4, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
 use crate::filter::error_state::{EskfMemory, EskfState};
 use crate::filter::{HeadingEstimate, Jitter};
@@ -45,6 +45,7 @@ use hole::Settling;
 use observer::ObserverStage;
 pub(super) use step::{CarryInput, SeekInput, StepInput, StepOutcome, Stepped, has_flow, has_magnetometer};
 use step::{Progress, is_blind};
+use suspected::Suspicion;
 
 /// The stage over the observer.
 #[derive(Clone, Debug)]
@@ -74,8 +75,8 @@ pub(super) struct EstimatorStack {
     shadows: Shadows,
     /// What the covariance has grown by in this outage.
     growth: Growth,
-    /// What the horizontal position may be off by for a jump of the IMU's that is suspected, m².
-    suspected: Matrix2<f64>,
+    /// What jumps that are suspected may have done.
+    suspicion: Suspicion,
 }
 
 impl EstimatorStack {
@@ -95,7 +96,7 @@ impl EstimatorStack {
             coasted_s: None,
             shadows: Shadows::new(),
             growth: Growth::default(),
-            suspected: Matrix2::zeros(),
+            suspicion: Suspicion::default(),
         }
     }
 

@@ -2,14 +2,18 @@
 
 use nalgebra::Matrix2;
 
-use crate::filter::error_state::{Correction, Doubt, JumpWindow};
+use crate::filter::error_state::{Correction, Doubt, JumpOdds, JumpWindow};
 use crate::geo::NOMINAL_GRAVITY_MPS2;
 use crate::navigator::tuning::error_state::{MOVING_GYRO_BIAS, START_ACCEL_BIAS};
 use crate::navigator::tuning::parting::DOUBTED_S;
 use crate::navigator::tuning::plausibility::MOST_MPS;
 use crate::sample::ImuSample;
+use crate::time::AutopilotTime;
 
+use super::super::monitor::inertia_jumps::SuspectedJumps;
+use super::super::sources::parting::LedAway;
 use super::EstimatorStack;
+use super::error_state::ErrorStateStage;
 use super::hole::Settling;
 use super::step::Stepped;
 
@@ -38,16 +42,16 @@ impl EstimatorStack {
         self.doubted();
     }
 
-    /// Inertia has led away for `seconds`, by `velocity` m/s: by a tilt, or by an accelerometer's bias, that may still be there.
-    pub(in super::super) fn doubt_inertia(&mut self, seconds: f64, velocity: f64) {
+    /// Inertia has led away: by a tilt, or by an accelerometer's bias, that may still be there. Velocity and position may be off by what the filter has followed of it.
+    pub(in super::super) fn doubt_inertia(&mut self, led: &LedAway) {
         // What no vehicle does is no measure of a doubt.
-        let velocity = velocity.min(MOST_MPS);
+        let most = |velocity: f64| velocity.min(MOST_MPS);
         if let Some(stage) = self.error_state_mut() {
-            let acceleration = velocity / seconds.max(DOUBTED_S);
+            let acceleration = most(led.velocity_mps) / led.for_s.max(DOUBTED_S);
             stage.filter_mut().doubt(&Doubt {
                 tilt: acceleration / NOMINAL_GRAVITY_MPS2,
-                position: 0.5 * velocity * seconds,
-                velocity,
+                position: led.off_m.min(MOST_MPS * led.for_s),
+                velocity: most(led.off_mps),
                 correlation: 0.75f64.sqrt(),
                 accel_bias: acceleration,
                 ..Doubt::NONE
@@ -90,24 +94,39 @@ impl EstimatorStack {
         self.shadows.jump_windows()
     }
 
-    /// An axis has jumped: what the filter makes of it, as it moves it.
-    pub(in super::super) fn believe_jump(&mut self, window: usize, jump: usize) -> Option<Correction> {
-        let correction = self.error_state_mut()?.believe_jump(window, jump);
+    /// A jump has happened, with these odds which: what the filter makes of it, as it moves it.
+    pub(in super::super) fn believe_jumps(&mut self, odds: &JumpOdds) -> Option<Correction> {
+        let correction = self.error_state_mut()?.believe_jumps(odds);
+        self.suspicion.explain();
         self.doubted();
-        correction
+        Some(correction)
     }
 
-    /// What a jump that is only suspected would move the horizontal position by, as a covariance, m².
-    pub(in super::super) fn suspect_jump(&mut self, window: usize, jump: usize, odds: f64) {
+    /// Jumps that the windows show, and that are only suspected.
+    pub(in super::super) fn suspect_jumps(&mut self, now: AutopilotTime, jumps: &SuspectedJumps) {
         let windows = self.jump_windows();
-        self.suspected = windows
-            .get(window)
-            .and_then(|w| w.moves(jump))
-            .map_or(Matrix2::zeros(), |moved| moved * moved.transpose() * odds);
+        let shown = jumps.iter().flatten().filter_map(|jump| {
+            let [by, _] = windows.get(jump.window)?.moves(jump.jump)?;
+            Some(by * by.transpose() * jump.odds)
+        });
+        self.suspicion.show(now, shown.sum());
     }
 
-    /// That, m².
-    pub(in super::super) fn suspected(&self) -> &Matrix2<f64> {
-        &self.suspected
+    /// What the window that was the oldest had shown stays suspected.
+    pub(in super::super) fn keep_suspicion(&mut self, shown_by: impl Fn(&JumpWindow) -> SuspectedJumps) {
+        let Some(gone) = self.error_state_mut().and_then(ErrorStateStage::take_gone_jumps) else { return };
+        for jump in shown_by(&gone).iter().flatten() {
+            self.suspicion.keep(&gone, jump.jump, jump.odds);
+        }
+    }
+
+    /// GNSS has corrected whatever it was.
+    pub(in super::super) fn forget_suspicion(&mut self) {
+        self.suspicion.forget();
+    }
+
+    /// What jumps that are suspected may have done to the horizontal position, NE, m².
+    pub(in super::super) fn suspected(&self) -> Matrix2<f64> {
+        self.suspicion.position()
     }
 }

@@ -1,14 +1,17 @@
 //! Whether an axis of the IMU has another bias or scale than it had: the filter's innovations of the last seconds, fitted with a jump of each
-//! ([`crate::filter::error_state::JumpWindow`]).
+//! ([`crate::filter::error_state::JumpWindow`]); and whether the flow may have.
 //!
 //! With white innovations what a jump explains is χ²; with what flights really are (gusts, iron, latency) it is more, by how much is learned while GNSS is good,
 //! from the filter and from a dead reckoning beside it ([`UsualSpread`]). An axis has jumped where that is far beyond what is usual for one; it is the one that explains most, for all of them have to explain the same innovations, if that is clearly more than a change of magnetometer, flow or wind would.
 //!
 //! A gyro's scale, alignment and sampling make errors in proportion to how fast a vehicle turns: where it turns faster than it used to while that was learned, more is usual.
 //!
-//! What is not beyond doubt yet is a suspicion: with the jump's odds as its weight it is a part of what is published as sigma.
+//! What is not beyond doubt yet is a suspicion, of IMU and flow: with the jump's odds as its weight it is a part of what is published as sigma. The flow is charged by
+//! others ([`crate::navigator::flow_judge`]); where those charge inertia, the innovations say which axis it may have been.
 
-use crate::filter::error_state::{IMU_JUMPS, JUMPS, JumpWindow};
+use std::ops::Range;
+
+use crate::filter::error_state::{FLOW_JUMPS, IMU_JUMPS, JUMPS, JumpOdds, JumpWindow};
 use crate::time::{AutopilotTime, Span};
 
 use super::usual::UsualSpread;
@@ -17,16 +20,21 @@ use crate::navigator::tuning::inertia_jumps::{
     REPEATED, REPEATED_S, SPREAD, UNLIKELY, YOUNGEST_S,
 };
 
-/// Jumps of which the same is usual: gyro and accelerometer, level and vertical axes. (A gyro's scale shows where its bias does.)
-const GROUPS: [usize; IMU_JUMPS] = [0, 0, 1, 2, 2, 3, 0, 0, 1];
-/// Where the gyros' scales begin among the jumps, in the order of their biases, which come first.
-const SCALES: usize = 6;
+/// How many kinds of jumps there are of which the same is usual, and of which kind each is that is judged: gyro and accelerometer, level and vertical axes (a gyro's
+/// scale shows where its bias does), flow's bias and scale.
+const GROUPS: usize = 6;
+const LIKE: [(usize, usize); 12] =
+    [(0, 0), (1, 0), (2, 1), (3, 2), (4, 2), (5, 3), (6, 0), (7, 0), (8, 1), (11, 4), (12, 4), (13, 5)];
+/// The gyros' scales among the jumps, in the order of their biases, which come first; and the level accelerometers.
+const SCALES: Range<usize> = 6..9;
+const LEVEL_ACCELEROMETERS: Range<usize> = 3..5;
 
 /// A jump of a window.
 #[derive(Clone, Copy, Debug)]
 struct Likeliest {
     window: usize,
     jump: usize,
+    group: usize,
     /// What it explains of the innovations, and the most that a rival does.
     square: f64,
     rival: f64,
@@ -43,14 +51,30 @@ struct ShownJumps {
     likeliest: Likeliest,
 }
 
-/// What the innovations say of the IMU.
+impl ShownJumps {
+    /// By Bayes: as likely as the ratio says, times how rarely it happens.
+    fn odds(&self, usual: &[UsualSpread; GROUPS]) -> f64 {
+        1.0 / (1.0 + (UNLIKELY - 0.5 * self.square / usual[self.group].variance().max(1.0)).exp())
+    }
+}
+
+/// A window's jump that may have happened, with this probability.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) struct SuspectedJump {
+    pub(in super::super) window: usize,
+    pub(in super::super) jump: usize,
+    pub(in super::super) odds: f64,
+}
+
+/// The likeliest of IMU and flow.
+pub(in super::super) type SuspectedJumps = [Option<SuspectedJump>; 2];
+
+/// What the innovations say.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in super::super) enum JumpFinding {
-    /// Nothing that matters.
-    Quiet,
-    /// This window's jump may have happened, with this probability.
-    Suspected { window: usize, jump: usize, odds: f64 },
-    /// It has.
+    /// Nothing for sure.
+    Suspected(SuspectedJumps),
+    /// An axis of the IMU has jumped.
     Found { window: usize, jump: usize },
     /// It has again and again, or is larger than any: no jump is what is wrong.
     Hopeless,
@@ -59,9 +83,9 @@ pub(in super::super) enum JumpFinding {
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct InertiaJumps {
-    usual: [UsualSpread; 4],
+    usual: [UsualSpread; GROUPS],
     /// The same without GNSS.
-    usual_alone: [UsualSpread; 4],
+    usual_alone: [UsualSpread; GROUPS],
     /// Mean square of the angular rate while that was learned, (rad/s)².
     rate: f64,
     /// How often what is usual was seen, and when it is again.
@@ -81,7 +105,7 @@ pub(in super::super) struct InertiaJumps {
 
 impl Default for InertiaJumps {
     fn default() -> Self {
-        let usual = [UsualSpread::expecting(SPREAD, FIRM); 4];
+        let usual = [UsualSpread::expecting(SPREAD, FIRM); GROUPS];
         Self {
             usual,
             usual_alone: usual,
@@ -116,53 +140,99 @@ impl InertiaJumps {
         (aided, flies): (bool, bool),
     ) -> JumpFinding {
         self.suspects = false;
-        if !flies || self.learned < LEARNED {
-            return JumpFinding::Quiet;
-        }
-        let usual = if aided { &self.usual } else { &self.usual_alone };
-        let (Some(shown), _) = self.shown(windows, usual) else { return JumpFinding::Quiet };
-        let Likeliest { window, jump, square, rival } = shown.likeliest;
-        // By Bayes: as likely as the ratio says, times how rarely it happens.
-        let odds =
-            1.0 / (1.0 + (UNLIKELY - 0.5 * shown.square / usual[shown.group].variance().max(1.0)).exp());
+        let usual = self.usual(aided);
+        let Some(shown) =
+            self.shown(windows, usual, IMU_JUMPS).0.filter(|_| flies && self.learned >= LEARNED)
+        else {
+            return JumpFinding::Suspected([None; 2]);
+        };
+        let Likeliest { window, jump, group, square, rival } = shown.likeliest;
+        let odds = shown.odds(usual);
+        let clear = square - rival > CLEAR_OF * usual[group].variance().max(1.0);
+        let beyond = shown.over > 1.0 && clear;
         self.quiet = if odds > 0.5 { None } else { self.quiet.or(Some(now)) };
         self.suspects = odds > 0.5 && square > rival;
-        let clear = square - rival > CLEAR_OF * usual[GROUPS[jump]].variance().max(1.0);
-        let beyond = shown.over > 1.0 && clear;
         self.beyond = if beyond { self.beyond.or(Some(now)) } else { None };
         // With GNSS there is time.
         let lasts_s = if aided { LASTS_AIDED_S } else { LASTS_S };
         if self.beyond.is_some_and(|t| now.seconds_since(t) >= lasts_s) {
             return self.find(now, window, jump, windows[window].is_implausible(jump));
         }
-        JumpFinding::Suspected { window, jump, odds }
+        JumpFinding::Suspected(self.suspected(windows, aided))
     }
 
-    /// What all windows and jumps show, and the most that each group does.
-    fn shown(&self, windows: &[JumpWindow], usual: &[UsualSpread; 4]) -> (Option<ShownJumps>, [f64; 4]) {
+    fn usual(&self, aided: bool) -> &[UsualSpread; GROUPS] {
+        if aided { &self.usual } else { &self.usual_alone }
+    }
+
+    /// The jumps of IMU and flow that may have happened, by what windows show; none before it is known what is usual.
+    pub(in super::super) fn suspected(&self, windows: &[JumpWindow], aided: bool) -> SuspectedJumps {
+        let usual = self.usual(aided);
+        [IMU_JUMPS, FLOW_JUMPS].map(|party| {
+            let shown = self.shown(windows, usual, party).0.filter(|_| self.learned >= LEARNED)?;
+            let Likeliest { window, jump, .. } = shown.likeliest;
+            Some(SuspectedJump { window, jump, odds: shown.odds(usual) })
+        })
+    }
+
+    /// Another witness has told that inertia is wrong: with which odds it was each of the axes, by the likelihoods alone, where the windows show any.
+    pub(in super::super) fn told(&self, windows: &[JumpWindow]) -> Option<JumpOdds> {
+        let usual = &self.usual_alone;
+        let log = |square: f64, group: usize| 0.5 * square / usual[group].variance().max(1.0);
+        let shown = self.shown(windows, usual, IMU_JUMPS).0.filter(|_| self.learned >= LEARNED)?;
+        let most = log(shown.likeliest.square, shown.likeliest.group);
+        if most < UNLIKELY {
+            return None;
+        }
+        let mut odds = JumpOdds::default();
+        for (odds, window) in odds.iter_mut().zip(windows).filter(|(_, w)| w.age_s() > YOUNGEST_S) {
+            for (jump, group) in LIKE.into_iter().filter(|(jump, _)| IMU_JUMPS.contains(jump)) {
+                odds[jump] = (log(self.square(window, jump), group) - most).exp();
+            }
+        }
+        let sum: f64 = odds.iter().flatten().sum();
+        odds.iter_mut().flatten().for_each(|odds| *odds /= sum);
+        Some(odds)
+    }
+
+    /// What a jump explains, in what is usual at the rate that the vehicle turned.
+    fn square(&self, window: &JumpWindow, jump: usize) -> f64 {
+        window.fit(jump).map_or(0.0, |fit| fit.square / self.livelier(window))
+    }
+
+    fn livelier(&self, window: &JumpWindow) -> f64 {
+        (window.mean_square_rate() / self.rate.max(CALM * CALM)).max(1.0)
+    }
+
+    /// What all windows and jumps of one party show, and the most that each group does.
+    fn shown(
+        &self,
+        windows: &[JumpWindow],
+        usual: &[UsualSpread; GROUPS],
+        party: Range<usize>,
+    ) -> (Option<ShownJumps>, [f64; GROUPS]) {
         let mut best: Option<ShownJumps> = None;
-        let mut most = [0.0f64; 4];
+        let mut most = [0.0f64; GROUPS];
         for (number, window) in windows.iter().enumerate().filter(|(_, w)| w.age_s() > YOUNGEST_S) {
-            let livelier = (window.mean_square_rate() / self.rate.max(CALM * CALM)).max(1.0);
-            let square = |jump: usize| window.fit(jump).map_or(0.0, |fit| fit.square / livelier);
-            let rival = (IMU_JUMPS..JUMPS).map(square).fold(0.0, f64::max);
-            for (jump, group) in GROUPS.iter().enumerate() {
-                let usual = &usual[*group];
-                let mut square_here = square(jump);
-                if let Some(axis) = jump.checked_sub(SCALES) {
+            let others = (0..JUMPS).filter(|jump| !party.contains(jump));
+            let rival = others.map(|jump| self.square(window, jump)).fold(0.0, f64::max);
+            for (jump, group) in LIKE.into_iter().filter(|(jump, _)| party.contains(jump)) {
+                let usual = &usual[group];
+                let mut square = self.square(window, jump);
+                if SCALES.contains(&jump) {
+                    let axis = jump - SCALES.start;
                     // Over a steady turn a bias and a scale look alike, and biases are what jumps.
-                    let ahead = square_here - CLEAR_OF * usual.variance().max(1.0);
-                    square_here = if ahead > square(axis) { ahead } else { 0.0 };
+                    let ahead = square - CLEAR_OF * usual.variance().max(1.0);
+                    square = if ahead > self.square(window, axis) { ahead } else { 0.0 };
                 }
-                most[*group] = most[*group].max(square_here);
-                let over = square_here / usual.limit(DECADES);
-                let likeliest = Likeliest { window: number, jump, square: square_here, rival };
-                let shown =
-                    best.get_or_insert(ShownJumps { over, square: square_here, group: *group, likeliest });
+                most[group] = most[group].max(square);
+                let over = square / usual.limit(DECADES);
+                let likeliest = Likeliest { window: number, jump, group, square, rival };
+                let shown = best.get_or_insert(ShownJumps { over, square, group, likeliest });
                 if over > shown.over {
-                    (shown.over, shown.square, shown.group) = (over, square_here, *group);
+                    (shown.over, shown.square, shown.group) = (over, square, group);
                 }
-                if square_here > shown.likeliest.square {
+                if square > shown.likeliest.square {
                     shown.likeliest = likeliest;
                 }
             }
@@ -173,14 +243,26 @@ impl InertiaJumps {
     /// Whether an axis has more likely jumped than not, by what was seen last, whatever the flow says of it.
     pub(in super::super) fn suspects_without_flow(&self, windows: &[JumpWindow]) -> bool {
         let likely = |window: &JumpWindow| {
-            let rate = (window.mean_square_rate() / self.rate.max(CALM * CALM)).max(1.0);
-            GROUPS.iter().enumerate().any(|(jump, group)| {
-                let unit = rate * self.usual_alone[*group].variance().max(1.0);
-                window.fit_without_flow(jump).is_some_and(|fit| 0.5 * fit.square > UNLIKELY * unit)
+            let livelier = self.livelier(window);
+            LIKE.iter().filter(|(jump, _)| IMU_JUMPS.contains(jump)).any(|(jump, group)| {
+                let unit = livelier * self.usual_alone[*group].variance().max(1.0);
+                window.fit_without_flow(*jump).is_some_and(|fit| 0.5 * fit.square > UNLIKELY * unit)
             })
         };
         let old = |w: &&JumpWindow| w.age_s() > YOUNGEST_S;
         self.learned >= LEARNED && windows.iter().filter(old).any(likely)
+    }
+
+    /// Whether a change of the flow explains what was measured of late better than any of the IMU's does; `but_level_accelerometers`: those of the
+    /// level accelerometers do not count.
+    pub(in super::super) fn favour_flow(windows: &[JumpWindow], but_level_accelerometers: bool) -> bool {
+        let counts = |jump: &usize| !(but_level_accelerometers && LEVEL_ACCELEROMETERS.contains(jump));
+        let old = || windows.iter().filter(|w| w.age_s() > YOUNGEST_S);
+        let most = |party: Range<usize>| {
+            let fits = party.filter(counts).flat_map(|jump| old().filter_map(move |w| w.fit(jump)));
+            fits.map(|fit| fit.square).fold(0.0, f64::max)
+        };
+        most(FLOW_JUMPS) > most(IMU_JUMPS)
     }
 
     fn find(&mut self, now: AutopilotTime, window: usize, jump: usize, implausible: bool) -> JumpFinding {
@@ -209,9 +291,13 @@ impl InertiaJumps {
         self.learned = self.learned.saturating_add(1);
         let rate = windows.iter().map(JumpWindow::mean_square_rate).fold(0.0, f64::max);
         self.rate += (rate - self.rate) * (1.0 / f64::from(self.learned)).max(1.0 / MEMORY);
-        let (_, most) = self.shown(windows, &self.usual);
-        let (_, most_alone) = self.shown(alone, &self.usual_alone);
-        for group in 0..4 {
+        let most = |windows: &[JumpWindow], usual: &[UsualSpread; GROUPS]| {
+            let (imu, flow) =
+                (self.shown(windows, usual, IMU_JUMPS).1, self.shown(windows, usual, FLOW_JUMPS).1);
+            std::array::from_fn::<f64, GROUPS, _>(|group| imu[group].max(flow[group]))
+        };
+        let (most, most_alone) = (most(windows, &self.usual), most(alone, &self.usual_alone));
+        for group in 0..GROUPS {
             // One axis is half of a plane.
             let learn = |usual: &mut UsualSpread, square: f64| {
                 usual.learn(2.0 * square.min(usual.limit(DECADES)), MEMORY);

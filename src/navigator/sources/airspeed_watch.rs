@@ -99,6 +99,7 @@ impl PartingPoints {
         let point = &mut self.points[0];
         point.apart += (w.along_ne * w.told - felt_ne - point.apart) / self.samples;
         point.felt += (felt_ne - point.felt) / self.samples;
+        point.off += (w.along_ne * (w.expected - w.told) - point.off) / self.samples;
     }
 
     fn parted(&self) -> Option<Parted> {
@@ -197,7 +198,7 @@ impl AirspeedWatch {
         }
         (self.gone, self.since) = (Some(self.deviation().abs()), None);
         (self.moved, self.bent) = (0.0, 0.0);
-        let or_led = parted.and_then(Parted::doubt);
+        let or_led = parted.and_then(Parted::led);
         Some(AirFinding::Astray { since: since - Span::from_seconds(2.0 * MEAN_S), or_led })
     }
 

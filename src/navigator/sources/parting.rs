@@ -22,6 +22,8 @@ pub(super) struct PartingPoint {
     /// d and I, m/s.
     pub(super) apart: Vector2<f64>,
     pub(super) felt: Vector2<f64>,
+    /// What is navigated on less what the sensor tells, m/s: some of what inertia did has been corrected.
+    pub(super) off: Vector2<f64>,
 }
 
 /// Whose way of parting it was.
@@ -36,9 +38,9 @@ pub(in super::super) enum Parted {
 }
 
 impl Parted {
-    /// How inertia may have led away, where nobody can tell.
-    pub(super) fn doubt(self) -> Option<LedAway> {
-        if let Parted::Either(led) = self { Some(led) } else { None }
+    /// How inertia has led away, or may have.
+    pub(super) fn led(self) -> Option<LedAway> {
+        if let Parted::LedAway(led) | Parted::Either(led) = self { Some(led) } else { None }
     }
 }
 
@@ -49,6 +51,20 @@ pub(in super::super) struct LedAway {
     pub(in super::super) for_s: f64,
     /// How far d has gone by now, m/s.
     pub(in super::super) velocity_mps: f64,
+    /// How far what is navigated on has followed it, if the sensor is right: m/s, and what that has added up to, m.
+    pub(in super::super) off_mps: f64,
+    pub(in super::super) off_m: f64,
+}
+
+impl LedAway {
+    /// Since `onset`, by `velocity_mps`; oldest first.
+    pub(super) fn new(points: &[PartingPoint], onset: f64, velocity_mps: f64) -> Self {
+        let now = points.last().map_or(onset, |p| p.t);
+        let off = points.last().map_or(Vector2::zeros(), |p| p.off);
+        let since = points.windows(2).filter(|pair| pair[1].t > onset);
+        let went: Vector2<f64> = since.map(|pair| pair[1].off * (pair[1].t - pair[0].t.max(onset))).sum();
+        Self { for_s: now - onset, velocity_mps, off_mps: off.norm(), off_m: went.norm() }
+    }
 }
 
 /// A fit: what it leaves, when it began, and what it had made of d at the end.
@@ -65,7 +81,6 @@ struct PartingFit {
 
 /// Whose way of parting explains the points clearly better. `None` for a few points.
 pub(super) fn parted(points: &[PartingPoint]) -> Option<Parted> {
-    let last = points.last()?;
     let onsets = || BEFORE..points.len().saturating_sub(POINTS_SINCE - 1);
     let best = |ways: [Way; 2]| {
         onsets()
@@ -78,7 +93,7 @@ pub(super) fn parted(points: &[PartingPoint]) -> Option<Parted> {
     let least = points.len() as f64 * LEAST_SQUARE;
     let odds = 2.0 * points.len() as f64 * ((sensor.left + least) / (inertia.left + least)).ln();
     let calm = scatter(points.get(..points.len() / 3)?) + LEAST_SQUARE;
-    let led = LedAway { for_s: last.t - inertia.onset, velocity_mps: inertia.went.norm() };
+    let led = LedAway::new(points, inertia.onset, inertia.went.norm());
     Some(match odds {
         // What comes within a mean or two cannot be told from a step, and what scatters since then is a sensor's noise.
         odds if odds < -CLEAR_OF || inertia.since < LEADS_POINTS || inertia.scatter > NOISIER * calm => {
@@ -159,7 +174,7 @@ mod tests {
                 let noise = Vector2::new(f64::from(k * 7919 % 13) - 6.0, f64::from(k * 104_729 % 11) - 5.0);
                 let gone = if t < 3.0 { Vector2::zeros() } else { apart(t - 3.0, felt) };
                 let apart = Vector2::new(1.0, -2.0) + gone + noise * 0.01;
-                PartingPoint { t, apart, felt }
+                PartingPoint { t, apart, felt, off: Vector2::zeros() }
             })
             .collect()
     }
@@ -204,6 +219,20 @@ mod tests {
             (p.felt, p.apart) = (Vector2::new(left, 0.0), noise - Vector2::new(left, 0.0));
         }
         assert!(matches!(parted(&points), Some(Parted::Either(_))), "{:?}", parted(&points));
+    }
+
+    #[test]
+    fn what_was_followed_of_inertia_is_what_is_navigated_on_less_the_sensor_since_then() {
+        let point = |k: u32| PartingPoint {
+            t: 0.5 * f64::from(k),
+            off: Vector2::new(if k < 4 { 9.0 } else { 0.4 }, 0.3),
+            ..PartingPoint::default()
+        };
+        let points: Vec<_> = (0..9).map(point).collect();
+        // From 1.75 s on: the fifth point is at 2 s, the last at 4 s.
+        let led = LedAway::new(&points, 1.75, 3.0);
+        assert!((led.for_s - 2.25).abs() < 1e-12 && (led.off_mps - 0.5).abs() < 1e-12, "{led:?}");
+        assert!((led.off_m - 0.5 * 2.25).abs() < 1e-12 && (led.velocity_mps - 3.0).abs() < 1e-12, "{led:?}");
     }
 
     #[test]

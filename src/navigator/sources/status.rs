@@ -14,7 +14,7 @@ use crate::time::AutopilotTime;
 use super::super::judge::Charge;
 use super::super::observation::{FitScore, Fused};
 use super::super::verdict::{Reason, Verdict};
-use crate::navigator::tuning::status::{GATE_SIGMA, LARGEST_RATIO, RATIO_SCALARS};
+use crate::navigator::tuning::status::{GATE_SIGMA, HEARD_S, LARGEST_RATIO, RATIO_SCALARS};
 
 /// What kind of source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::IntoStaticStr)]
@@ -440,6 +440,18 @@ impl StatusBoard {
             let id = if kind == source.kind { source } else { SourceId::only(kind) };
             self.of(id).score(quantity, now, score);
         }
+    }
+
+    /// What did not fit until now is explained.
+    pub(in super::super) fn explained(&mut self) {
+        self.0.iter_mut().for_each(|status| status.ratio = 0.0);
+    }
+
+    /// Whether a source of these kinds does not fit that nothing is held against, and that is heard.
+    pub(in super::super) fn misfits(&self, now: AutopilotTime, kinds: &[SourceKind]) -> bool {
+        let heard = |s: &&SourceStatus| s.last_heard.is_none_or(|t| now.seconds_since(t) < HEARD_S);
+        let of = self.0.iter().filter(|s| kinds.contains(&s.source.kind)).filter(heard);
+        of.filter(|s| s.charge.is_none()).any(|s| s.fit() != SourceHealth::Healthy)
     }
 
     /// What is held against a source is now `charge`; what was before.

@@ -501,4 +501,6 @@ pub(in crate::navigator) mod status {
     pub(in crate::navigator) const RATIO_SCALARS: f64 = 20.0;
     /// An innovation beyond this many gates says no more than that it is out of bounds.
     pub(in crate::navigator) const LARGEST_RATIO: f64 = 10.0;
+    /// What was heard longer ago does not testify, s.
+    pub(in crate::navigator) const HEARD_S: f64 = 1.0;
 }

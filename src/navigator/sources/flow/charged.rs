@@ -8,6 +8,7 @@ use crate::sample::Airframe;
 use crate::time::AutopilotTime;
 
 use super::super::super::context::Context;
+use super::super::super::monitor::inertia_jumps::InertiaJumps;
 use super::super::super::solution::Mode;
 use super::super::super::timeline::Timeline;
 use super::super::drag::DragSource;
@@ -107,6 +108,7 @@ impl FlowSensor {
             v_ne: in_ned(&FlowCalibration::undo(errors, &m.v_xy, m.distance_m)),
             impulse_ne: core.timeline.impulse(m.time)?.xy(),
             sideways_ne: multirotor.then(|| core.timeline.sideways(m.time)).flatten().map(|w| w.xy()),
+            held_ne: core.estimator.estimate()?.1.xy(),
             reference_ne: reference.map(|v_xy| in_ned(&v_xy)),
             variance: 0.5 * m.noise.trace() * self.calibration.noise_factor(),
             scale_variance: scale_variance + m.relative_sigma * m.relative_sigma,
@@ -117,8 +119,7 @@ impl FlowSensor {
     }
 
     /// It contradicts inertia: what it has taught of late is forgotten.
-    fn go_astray(&mut self, found: &Contradiction) {
-        let went_ne = found.apart_ne;
+    fn go_astray(&mut self, went_ne: Vector2<f64>) {
         self.astray = Some(Astray { went_ne, off_ne: went_ne, most_mps: went_ne.norm() });
         self.calibration.clone_from(&self.kept.older);
         self.kept.newer.clone_from(&self.kept.older);
@@ -223,17 +224,18 @@ impl FlowSource {
                     || found.is_denied_by(drag, v_ned.z, context) =>
             {
                 sensor.witness.forget();
-                let for_s = m.time.seconds_since(found.fitted);
-                Some(FlowFinding::LedAway(LedAway { for_s, velocity_mps: found.apart_ne.norm() }))
+                Some(FlowFinding::LedAway(found.led))
             }
-            Some(Contradiction { parted: Parted::LedAway(led), .. }) => {
+            // … and where they parted as it leads away, if the filter's innovations do not speak for a change of the flow.
+            Some(Contradiction { parted: Parted::LedAway(led), by_thrust_too, .. })
+                if !InertiaJumps::favour_flow(core.estimator.jump_windows(), by_thrust_too) =>
+            {
                 sensor.witness.forget();
                 Some(FlowFinding::LedAway(led))
             }
             Some(found) => {
-                sensor.go_astray(&found);
-                let or_led = found.parted.doubt();
-                Some(FlowFinding::Astray { since: found.fitted, or_led })
+                sensor.go_astray(found.apart_ne);
+                Some(FlowFinding::Astray { since: found.fitted, or_led: found.parted.led() })
             }
             None => {
                 let sigma_mps = core.estimator.speed_sigma().unwrap_or(f64::INFINITY);

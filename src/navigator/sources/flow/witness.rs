@@ -18,6 +18,8 @@
 //! A contradiction is the flow's where the two have parted as a sensor does, and inertia's where they have as that leads away ([`super::super::parting`]); where both explain it
 //! as well, inertia's on a multirotor whose thrust alone, with the drag of before, makes the velocity that the flow shows: nothing else pushes it sideways.
 //!
+//! If a multirotor's thrust alone shows it as well, it is not the level accelerometers that are wrong.
+//!
 //! A finding is over when the differences have fitted for some seconds in which the vehicle's velocity has changed by more than they may be
 //! wrong by: a flow that shows zero of a hover fits, and proves nothing.
 
@@ -25,7 +27,7 @@ use nalgebra::Vector2;
 
 use crate::time::AutopilotTime;
 
-use super::super::parting::{Parted, PartingPoint, parted};
+use super::super::parting::{LedAway, Parted, PartingPoint, parted};
 use crate::navigator::tuning::flow::BACK;
 use crate::navigator::tuning::flow_witness::{
     BLOCK_S, BLOCKS, BY_THRUST, CLIPPED, CONTRADICTS, EVIDENCE, FIT, FOLLOWED_S, GROUP, LEARNED_S,
@@ -44,6 +46,8 @@ pub(super) struct FlowAndInertia {
     pub(super) reference_ne: Option<Vector2<f64>>,
     /// What of that a multirotor's body felt sideways, which is drag: all the rest is thrust. NE, m/s.
     pub(super) sideways_ne: Option<Vector2<f64>>,
+    /// Velocity that is navigated on, NE, m/s.
+    pub(super) held_ne: Vector2<f64>,
     /// Of the flow's velocity, an axis, m²/s².
     pub(super) variance: f64,
     /// Of its scale, and of what it is turned by, together.
@@ -66,6 +70,10 @@ pub(super) struct Contradiction {
     pub(super) apart_ne: Vector2<f64>,
     /// Whose doing that is.
     pub(super) parted: Parted,
+    /// A multirotor's thrust alone shows it as well: its level accelerometers are not what is wrong.
+    pub(super) by_thrust_too: bool,
+    /// What inertia has done since, if it is inertia's.
+    pub(super) led: LedAway,
 }
 
 /// Means over a block.
@@ -77,6 +85,7 @@ struct VelocityBlock {
     samples: f64,
     v: Vector2<f64>,
     impulse: Vector2<f64>,
+    held: Vector2<f64>,
     sideways: Option<Vector2<f64>>,
     /// The flow's velocity less GNSS's, where all samples have that.
     off: Option<Vector2<f64>>,
@@ -95,6 +104,7 @@ impl VelocityBlock {
             samples: 1.0,
             v: s.v_ne,
             impulse: s.impulse_ne,
+            held: s.held_ne,
             sideways: s.sideways_ne,
             off: s.reference_ne.map(|v| s.v_ne - v),
             variance: s.variance,
@@ -110,6 +120,7 @@ impl VelocityBlock {
         self.end = s.time;
         self.v += (s.v_ne - self.v) * part;
         self.impulse += (s.impulse_ne - self.impulse) * part;
+        self.held += (s.held_ne - self.held) * part;
         let sideways = self.sideways.zip(s.sideways_ne);
         self.sideways = sideways.map(|(mean, new)| mean + (new - mean) * part);
         let off = self.off.zip(s.reference_ne);
@@ -268,22 +279,26 @@ impl InertialWitness {
         self.doubted = since;
         let wrong = square > CONTRADICTS || self.evidence > EVIDENCE;
         let fitted = since.map_or(worst.then, |t| t.min(worst.then));
-        let parted = || match self.parted() {
+        wrong.then(|| self.contradiction(&worst, fitted))
+    }
+
+    /// What the newest blocks show, which fitted then.
+    fn contradiction(&self, worst: &Test, fitted: AutopilotTime) -> Contradiction {
+        let mut points = [PartingPoint::default(); BLOCKS];
+        let known = self.blocks.len().min(BLOCKS);
+        for (point, b) in points.iter_mut().zip(&self.blocks) {
+            let (apart, off) = (b.difference(), b.held - b.v);
+            *point = PartingPoint { t: b.end.seconds_since(fitted), apart, felt: b.impulse, off };
+        }
+        let points = &points[..known];
+        let parted = match parted(points) {
             Some(Parted::Either(led)) if worst.is_sideways(self.misfit) => Parted::LedAway(led),
             parted => parted.unwrap_or(Parted::AtOnce),
         };
-        wrong.then(|| Contradiction { fitted, v_ne: worst.v, apart_ne: worst.apart, parted: parted() })
-    }
-
-    /// Whose way of parting it is.
-    fn parted(&self) -> Option<Parted> {
-        let last = self.blocks.last()?;
-        let mut points = [PartingPoint::default(); BLOCKS];
-        for (point, b) in points.iter_mut().zip(&self.blocks) {
-            *point =
-                PartingPoint { t: -last.end.seconds_since(b.end), apart: b.difference(), felt: b.impulse };
-        }
-        parted(&points[..self.blocks.len().min(BLOCKS)])
+        let led = LedAway::new(points, 0.0, worst.apart.norm());
+        let by_thrust_too =
+            worst.apart_by_thrust.is_some_and(|left| left.norm() > BY_THRUST * worst.apart.norm());
+        Contradiction { fitted, v_ne: worst.v, apart_ne: worst.apart, parted, by_thrust_too, led }
     }
 
     /// Whether the newest blocks show GNSS's velocity: two that agree are not wrong together because a third says so.
@@ -390,6 +405,7 @@ mod tests {
                 impulse_ne: Vector2::new(v + 3.0 + 0.02 * t, 0.01 * t),
                 sideways_ne: None,
                 reference_ne: None,
+                held_ne: Vector2::zeros(),
                 variance: 0.04,
                 scale_variance: 0.0004,
                 accel_sigma: 0.03,
@@ -469,6 +485,7 @@ mod tests {
                 impulse_ne: Vector2::repeat(if k < 200 { 0.0 } else { 50.0 }),
                 sideways_ne: None,
                 reference_ne: None,
+                held_ne: Vector2::zeros(),
                 variance: 0.04,
                 scale_variance: 0.0,
                 accel_sigma: 0.03,
