@@ -20,7 +20,7 @@ use super::core::Core;
 use super::event::TransitionReason;
 use super::height::HeightReading;
 use super::judge::{self, Charge};
-use super::monitor::inertia_jumps::JumpFinding;
+use super::monitor::inertia_jumps::{JumpFinding, SuspectedJump};
 use super::monitor::inertia_witness::Testimony;
 use super::monitor::plausibility::Plausible;
 use super::reset::Reset;
@@ -135,9 +135,10 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
         JumpFinding::Suspected(jumps) => {
             core.estimator.suspect_jumps(now, &jumps);
             let watch = &core.witnesses.jumps;
+            let likely = |jump: SuspectedJump| (jump.odds > 0.5).then_some(jump);
             let shown_by = |gone: &JumpWindow| watch.suspected(std::slice::from_ref(gone), aided);
-            core.estimator.keep_suspicion(|gone| if flies { shown_by(gone) } else { [None; 2] });
-            if aided {
+            core.estimator.keep_suspicion(|gone| shown_by(gone).map(|jump| jump.and_then(likely)));
+            if aided || !flies || facts.landmark_fix.is_some() {
                 core.estimator.forget_suspicion();
             }
             if jumped && core.witnesses.jumps.is_quiet(now) {
