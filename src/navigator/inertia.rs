@@ -170,9 +170,9 @@ fn believe_jumps(core: &mut Core, odds: &JumpOdds) {
 /// inertia has done until now is doubted in any case, and what carries corrects it.
 pub(super) fn led_away(core: &mut Core, now: AutopilotTime, led: &LedAway) {
     judge::accuse(core, now, IMU, Charge::Jumped);
-    core.statuses.explained();
-    if let Some(odds) = core.witnesses.jumps.told(core.estimator.jump_windows()) {
-        believe_jumps(core, &odds);
+    match core.witnesses.jumps.told(core.estimator.jump_windows()) {
+        Some(odds) => believe_jumps(core, &odds),
+        None => core.statuses.explained(),
     }
     may_have_led_away(core, Some(led));
 }
