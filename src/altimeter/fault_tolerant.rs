@@ -197,12 +197,22 @@ impl Altimeter {
         }
     }
 
+    /// What was measured over the last `for_s` seconds may have changed the climb rate by `climb_mps`, m/s, that it did not change by, and the height along with it.
+    pub fn doubt(&mut self, climb_mps: f64, for_s: f64) {
+        self.propagate();
+        self.move_by(climb_mps, climb_mps * for_s);
+    }
+
     /// Nothing was measured for `gap_s` seconds, over which the vertical acceleration was what it was but for `sigma`, m/s².
     pub fn blind(&mut self, gap_s: f64, sigma: f64) {
         self.predict(gap_s, 0.0, 0.0);
         self.propagate();
-        let (speed, way) = (sigma * gap_s, 0.5 * sigma * gap_s * gap_s);
-        if way.is_finite() && self.joint.sigma(HEIGHT) < LARGEST_M {
+        self.move_by(sigma * gap_s, 0.5 * sigma * gap_s * gap_s);
+    }
+
+    /// It may have moved by `way` m, and its climb rate by `speed` m/s, 1 sigma, both together.
+    fn move_by(&mut self, speed: f64, way: f64) {
+        if (speed * way).is_finite() && self.joint.sigma(HEIGHT) < LARGEST_M {
             self.joint.p[(CLIMB, CLIMB)] += speed * speed;
             self.joint.p[(HEIGHT, HEIGHT)] += way * way;
             self.joint.p[(HEIGHT, CLIMB)] += speed * way;

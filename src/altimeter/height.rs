@@ -90,6 +90,13 @@ impl HeightFilter {
         }
     }
 
+    /// See [`Altimeter::doubt`]; the published altimeters doubt nothing.
+    pub fn doubt(&mut self, climb_mps: f64, for_s: f64) {
+        if let Self::FaultTolerant(f) = self {
+            f.doubt(climb_mps, for_s);
+        }
+    }
+
     /// A channel's height, m, measured `age_s` ago, with the standard deviation that the sensor claims, if it does. `None` when this
     /// altimeter has no use for the channel.
     pub fn measure(

@@ -73,6 +73,11 @@ impl HeightEstimate {
         self.filter.blind(gap_s, UNKNOWN_VERTICAL);
     }
 
+    /// See [`HeightFilter::doubt`].
+    pub(super) fn doubt(&mut self, climb_mps: f64, for_s: f64) {
+        self.filter.doubt(climb_mps, for_s);
+    }
+
     /// What comes on a channel is another sensor's from now on.
     pub(super) fn another(&mut self, channel: Channel) {
         self.filter.another(channel);

@@ -20,9 +20,10 @@ use super::core::Core;
 use super::event::TransitionReason;
 use super::height::HeightReading;
 use super::judge::{self, Charge};
-use super::monitor::inertia_jumps::{JumpFinding, SuspectedJump};
+use super::monitor::inertia_jumps::{JumpFinding, SuspectedJump, SuspectedJumps};
 use super::monitor::inertia_witness::Testimony;
 use super::monitor::plausibility::Plausible;
+use super::monitor::velocity_step::VelocitySteps;
 use super::reset::Reset;
 use super::sources::gnss::FixReading;
 use super::sources::parting::LedAway;
@@ -82,12 +83,13 @@ pub(super) fn lose_to(core: &mut Core, now: AutopilotTime, reading: &FixReading)
     core.go_to(now, reading);
 }
 
-/// A height of the first barometer. What the altimeter makes of it does not matter: it stands on the inertia that is in question.
-pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &HeightReading) {
+/// A height of the first barometer, and whether that is `sound`. What the altimeter makes of it does not matter: it stands on the inertia that is in question.
+pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &HeightReading, sound: bool) {
     if reading.channel != Channel::Baro {
         return;
     }
-    if core.witnesses.inertia.is_out() || core.mode == Mode::Aligning || core.estimator.is_settling() {
+    let judged = sound && core.mode != Mode::Aligning && !core.estimator.is_settling();
+    if !judged || core.witnesses.inertia.is_out() {
         return core.witnesses.barometer.forget();
     }
     core.witnesses.barometer.observe(now, reading.height_m);
@@ -116,8 +118,8 @@ pub(super) fn hear_field(core: &mut Core, s: &MagSample) {
 }
 
 /// Whether an axis has jumped: then the filter is what it would be had it known, and what is published follows. Where one has, and something that nothing is
-/// held against does not fit even so, no jump was what is wrong.
-pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFacts) {
+/// held against does not fit even so, no jump was what is wrong. While GNSS is good, and it is its velocity that parted from inertia, and at once, no axis is charged.
+pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFacts, gnss: &VelocitySteps) {
     if core.witnesses.jumps.waits(now) {
         return;
     }
@@ -131,16 +133,11 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
     if aided && flies {
         core.witnesses.jumps.learn(now, windows, core.estimator.jump_windows_alone());
     }
-    match core.witnesses.jumps.judge(now, windows, (aided, flies)) {
+    let blames = !(aided && gnss.parted_at_once());
+    match core.witnesses.jumps.judge(now, windows, (aided, flies), blames) {
         JumpFinding::Suspected(jumps) => {
-            core.estimator.suspect_jumps(now, &jumps);
-            let watch = &core.witnesses.jumps;
-            let likely = |jump: SuspectedJump| (jump.odds > 0.5).then_some(jump);
-            let shown_by = |gone: &JumpWindow| watch.suspected(std::slice::from_ref(gone), aided);
-            core.estimator.keep_suspicion(|gone| shown_by(gone).map(|jump| jump.and_then(likely)));
-            if aided || !flies || facts.landmark_fix.is_some() {
-                core.estimator.forget_suspicion();
-            }
+            let lasts = !aided && flies && facts.landmark_fix.is_none();
+            suspect(core, now, &jumps, (aided, lasts));
             if jumped && core.witnesses.jumps.is_quiet(now) {
                 judge::acquit(core, now, IMU);
             }
@@ -152,6 +149,19 @@ pub(super) fn judge_axes(core: &mut Core, now: AutopilotTime, facts: &SourceFact
             believe_jumps(core, &odds);
         }
         JumpFinding::Hopeless => lose(core, now),
+    }
+}
+
+/// Jumps that may have happened are a part of what is claimed, those that are more likely than not also when their window has gone; if it `lasts`: nothing
+/// corrects what they did.
+fn suspect(core: &mut Core, now: AutopilotTime, jumps: &SuspectedJumps, (aided, lasts): (bool, bool)) {
+    core.estimator.suspect_jumps(now, jumps);
+    let watch = &core.witnesses.jumps;
+    let likely = |jump: SuspectedJump| (jump.odds > 0.5).then_some(jump);
+    let shown_by = |gone: &JumpWindow| watch.suspected(std::slice::from_ref(gone), aided);
+    core.estimator.keep_suspicion(|gone| shown_by(gone).map(|jump| jump.and_then(likely)));
+    if !lasts {
+        core.estimator.forget_suspicion();
     }
 }
 

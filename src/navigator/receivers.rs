@@ -4,16 +4,19 @@
 //! for half a second, the other takes over with all that is known of it, if it is trusted itself. Where two that pass every test are further
 //! apart than is usual for them, one of them lies, and nobody can say which: both are suspect, and the uncertainty says so.
 
+use crate::navigator::tuning::receiver_lie::CARRIED_S;
 use crate::sample::GnssSample;
-use crate::time::AutopilotTime;
+use crate::time::{AutopilotTime, Span};
 
-use super::context::Context;
+use super::context::{Context, SourceFacts};
 use super::core::Core;
 use super::inertia;
 use super::judge::{self, Charge};
 use super::monitor::GnssFault;
 use super::monitor::gnss_integrity::Standing;
+use super::monitor::receiver_lie::{ReceiverFinding, ShownLie};
 use super::monitor::velocity_step::{FeltVelocity, VelocitySteps};
+use super::reset::Reset;
 use super::solution::Mode;
 use super::sources::SourceSet;
 use super::sources::gnss::{FixReading, expectation};
@@ -117,6 +120,34 @@ pub(super) fn hear_inertia(
         core.witnesses.unexplained.undone();
     }
     told(steps)
+}
+
+/// The innovations of the filter, which follows the receiver in use: where they show that it lies, the filter is what it would be had it known.
+pub(super) fn judge_innovations(
+    core: &mut Core,
+    sources: &mut SourceSet,
+    now: AutopilotTime,
+    facts: &SourceFacts,
+) {
+    let SourceSet { gnss, flow, .. } = sources;
+    let follows = core.mode == Mode::Aided && core.integrity.trusted() && gnss.steps.lie().is_none();
+    let carried = facts.flow_velocity.is_some_and(|(told, _)| now.seconds_since(told) < CARRIED_S);
+    if !follows || !carried || !inertia::flies(core, facts) {
+        return core.witnesses.receiver.rest();
+    }
+    let found = core.witnesses.receiver.judge(now, core.estimator.jump_windows());
+    let since = |lie: &ShownLie| now - Span::from_seconds(lie.age_s);
+    let lie = match found {
+        None => return,
+        Some(ReceiverFinding::Suspected(lie)) => return gnss.steps.suspect(now, since(&lie), lie.step),
+        Some(ReceiverFinding::Lies(lie)) => lie,
+    };
+    let Some(moved) = core.estimator.believe_receiver_lies(lie.window) else { return };
+    gnss.steps.charge(since(&lie), lie.step);
+    core.timeline.reset(&Reset::Relocated);
+    core.published.stays(&moved.position_ned);
+    core.witnesses.unexplained.undone();
+    flow.unlearn(&mut gnss.travel, core);
 }
 
 /// Who is wrong where inertia parts from a receiver that agrees with itself? While nobody knows, the position may be off by as much as they are apart.

@@ -10,6 +10,7 @@ use super::estimator::{CarryInput, SeekInput, StepInput, StepOutcome, Stepped};
 use super::event::{EventKind, TransitionReason, Waits};
 use super::inertia;
 use super::monitor::GnssState;
+use super::receivers;
 use super::reset::Reset;
 use super::sources::status::{SourceId, SourceKind};
 use super::stream::Heard;
@@ -183,7 +184,8 @@ impl Navigator {
         core.stream.stands(on_ground);
         core.estimator.observer_mut().injected(s.time, dt, report, &core.settings.observer);
         inertia::judge_speed(core, s.time);
-        inertia::judge_axes(core, s.time, &facts);
+        inertia::judge_axes(core, s.time, &facts, &self.sources.gnss.steps);
+        receivers::judge_innovations(core, &mut self.sources, s.time, &facts);
         self.advance(s, dt, &facts);
     }
 

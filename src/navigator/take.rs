@@ -100,7 +100,10 @@ impl Navigator {
         if read.another {
             self.core.height.another(read.reading.channel);
         }
-        inertia::hear_barometer(&mut self.core, s.time, &read.reading);
+        if let Some((climb_mps, for_s)) = read.led {
+            self.core.height.doubt(climb_mps, for_s);
+        }
+        inertia::hear_barometer(&mut self.core, s.time, &read.reading, read.usable.is_ok());
         match (read.usable, self.core.stream.newest()) {
             (Ok(()), Some(now)) => verdict(self.take_height(now, &read.reading)),
             (Err(reason), _) => Verdict::Rejected(reason),

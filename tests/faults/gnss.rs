@@ -93,6 +93,26 @@ fn a_walk_of_position_and_velocity_is_found_where_it_begins_by_inertia_alone() {
     }
 }
 
+/// A leg that begins as the lie does: what the receiver's velocity stepped by is not charged to an axis of the IMU.
+#[test]
+fn a_lie_that_begins_with_a_manoeuvre_is_the_receivers() {
+    let faults = "ardupilot-copter-baro-faults";
+    for (flight, from_s, speed, within_s) in
+        [(COPTER, 314, 2.0, 3.0), (COPTER, 366, 2.0, 3.0), (faults, 249, 2.0, 3.0), (faults, 392, 0.5, 8.0)]
+    {
+        let log = sitl_log(flight);
+        let fault = format!("gnss:walkboth={speed}@{from_s}..{}", from_s + 30);
+        let report = holdover(&["replay", log.to_str().unwrap(), "--json", "--fault", &fault]).json();
+        let told = |e: &Value| Some((e["t_s"].as_f64()?, e["text"].as_str()?.to_owned()));
+        let events = report["events"].as_array().unwrap().iter();
+        let accused = events.filter(|e| e["code"] == "source-accused").filter_map(told);
+        let from_s = f64::from(from_s);
+        let lied: Vec<_> = accused.filter(|(t, _)| (from_s..from_s + 30.0).contains(t)).collect();
+        let [(at_s, text)] = &lied[..] else { panic!("{flight} at {from_s} s: {lied:?}") };
+        assert!(text == "GNSS 0 contradicts inertia" && *at_s < from_s + within_s, "{flight}: {lied:?}");
+    }
+}
+
 #[test]
 fn a_fix_that_comes_and_goes_is_used_while_it_is_there_and_waited_for_longer_each_time() {
     let told = Told::of("gnss:flap=10");

@@ -12,4 +12,5 @@ mod command;
 mod any_list;
 mod by_command;
 mod gnss;
+mod height;
 mod imu;

@@ -115,8 +115,8 @@ fn barometers_that_are_stuck_in_an_outage_convict_nobody_and_come_back() {
     assert!(judged.accused.iter().all(|t| (90.0..100.0).contains(t)), "{:?}", judged.accused);
     assert!(judged.acquitted.iter().all(|t| (130.0..131.0).contains(t)), "{:?}", judged.acquitted);
     assert_eq!(judged.accused.len(), judged.acquitted.len());
-    // The rangefinder is the only height meanwhile, from as far as it is.
-    assert!(judged.altitude_m < 0.5, "{} m", judged.altitude_m);
+    // The rangefinder is the only height meanwhile, from as far as it is: a height that is kept is not used, though this vehicle keeps its own.
+    assert!(judged.altitude_m < 1.0, "{} m", judged.altitude_m);
 }
 
 #[test]

@@ -233,6 +233,7 @@ impl SparseRow {
     }
 
     /// With one more entry.
+    #[inline(always)]
     pub(super) fn with(mut self, index: usize, by: f64) -> Self {
         if self.len < Self::MOST && index < STATES {
             self.at[self.len] = index;
@@ -243,6 +244,7 @@ impl SparseRow {
     }
 
     /// With three more entries, of the states from `block` on.
+    #[inline(always)]
     pub(super) fn with3(self, block: usize, by: &RowVector3<f64>) -> Self {
         self.with(block, by.x).with(block + 1, by.y).with(block + 2, by.z)
     }

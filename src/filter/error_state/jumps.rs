@@ -25,7 +25,8 @@ use super::tuning::{
 use super::{BA, BG, BM, FLOW, P, SG, STATES, V, WIND};
 
 /// What may jump: gyro biases, accelerometer biases and gyro scales of the IMU's axes, and then the IMU's rivals: magnetometer bias x and y, flow
-/// (bias x, y, scale), the velocity, as a receiver seems to have it that begins to lie, height, wind, and a compass that is turned about the body's z axis.
+/// (bias x, y, scale), climb, height, wind, a compass that is turned about the body's z axis, and the velocity, north and east, of a receiver whose positions
+/// walk off with it.
 pub const JUMPS: usize = 21;
 /// Those of the IMU.
 pub const IMU_JUMPS: Range<usize> = 0..9;
@@ -34,8 +35,12 @@ pub const FLOW_JUMPS: Range<usize> = 11..14;
 /// Odds of every jump of every window: a row a window.
 pub type JumpOdds = [[f64; JUMPS]; JUMP_WINDOWS];
 
-/// The last is no error state: it shows in what a magnetometer tells alone, r = H J + ∂m/∂ψ.
-const COMPASS: usize = JUMPS - 1;
+/// The last are no error states, but show in what their own sensor tells alone: r = H J + ∂m/∂ψ of a magnetometer, and H J + 1 of a receiver's velocity, H J + (t − θ)
+/// of its position.
+const COMPASS: usize = 18;
+const RECEIVER: usize = COMPASS + 1;
+/// Those of a receiver: both together are one lie.
+pub const RECEIVER_JUMPS: Range<usize> = RECEIVER..JUMPS;
 
 const AT: [usize; COMPASS] = [
     BG,
@@ -52,8 +57,6 @@ const AT: [usize; COMPASS] = [
     FLOW,
     FLOW + 1,
     FLOW + 2,
-    V,
-    V + 1,
     V + 2,
     P + 2,
     WIND,
@@ -62,9 +65,22 @@ const AT: [usize; COMPASS] = [
 
 /// How large such jumps are, 1 sigma: rad/s, m/s², a scale that turns round, µT, rad/s, flow's scale, m/s, m, rad.
 const PRIOR: [f64; JUMPS] = [
-    0.1, 0.1, 0.1, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0, 20.0, 20.0, 0.1, 0.1, 1.0, 3.0, 3.0, 3.0, 10.0, 5.0, 5.0,
-    0.5,
+    0.1, 0.1, 0.1, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0, 20.0, 20.0, 0.1, 0.1, 1.0, 3.0, 10.0, 5.0, 5.0, 0.5, 3.0,
+    3.0,
 ];
+
+/// What is measured, and how a change of the sensor itself shows in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum MeasuredScalar {
+    /// By a sensor whose changes are error states, or none.
+    Other,
+    Flow,
+    /// A magnetic field that a turn of the compass changes by this, µT/rad.
+    Magnetic(f64),
+    /// A receiver's velocity or position, along north (0) or east (1).
+    Velocity(usize),
+    Position(usize),
+}
 
 /// The hypothesis that one state jumped at a window's beginning.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,12 +120,24 @@ impl JumpSums {
     fn fit(&self, jump: usize) -> Option<JumpFit> {
         let (c, d) = (self.information.get(jump)?, self.evidence.get(jump)?);
         (*c > 0.0).then(|| {
-            let known = c + 1.0 / (PRIOR[jump] * PRIOR[jump]);
-            let square = d * d / known;
-            // What it leaves of the innovations is noise that the filter does not know of, or another fault: a measure of what it explains.
-            let left = ((self.square - square) / self.scalars).max(1.0);
-            JumpFit { square: square / left, size: d / known }
+            let size = d / self.known(jump);
+            JumpFit { square: self.measured_by_the_rest(d * size), size }
         })
+    }
+
+    /// C + 1/σ².
+    fn known(&self, jump: usize) -> f64 {
+        self.information[jump] + 1.0 / (PRIOR[jump] * PRIOR[jump])
+    }
+
+    /// What is left of the innovations is noise that the filter does not know of, or another fault: a measure of what is explained.
+    fn measured_by_the_rest(&self, square: f64) -> f64 {
+        square / ((self.square - square) / self.scalars).max(1.0)
+    }
+
+    /// What jumps explain together that show in different innovations.
+    fn together(&self, jumps: Range<usize>) -> f64 {
+        self.measured_by_the_rest(jumps.map(|jump| self.evidence[jump].powi(2) / self.known(jump)).sum())
     }
 }
 
@@ -151,6 +179,16 @@ impl JumpWindow {
         self.all.fit(jump)
     }
 
+    /// What a receiver's lie explains in whatever direction it leads, in the unit of [`JumpFit::square`].
+    pub fn explained_by_receiver(&self) -> f64 {
+        self.all.together(RECEIVER_JUMPS)
+    }
+
+    /// What a receiver's velocity is wrong by, if it lies, NE, m/s.
+    pub fn receiver_step(&self) -> Vector2<f64> {
+        Vector2::from_fn(|axis, _| self.fit(RECEIVER + axis).map_or(0.0, |fit| fit.size))
+    }
+
     /// Whether a jump is so large that it is none that sensors of this kind make.
     pub fn is_implausible(&self, jump: usize) -> bool {
         self.fit(jump).is_some_and(|fit| fit.size.abs() > IMPLAUSIBLE_SIGMAS * PRIOR[jump])
@@ -188,10 +226,15 @@ impl JumpWindow {
         h: &SparseRow,
         (innovation, s): (f64, f64),
         gain: Option<&[f32; STATES]>,
-        (of_flow, by_compass): (bool, f64),
+        measured: MeasuredScalar,
     ) {
         let mut r = [0.0f32; JUMPS];
-        r[COMPASS] = by_compass as f32;
+        match measured {
+            MeasuredScalar::Other | MeasuredScalar::Flow => {}
+            MeasuredScalar::Magnetic(by_turn) => r[COMPASS] = by_turn as f32,
+            MeasuredScalar::Velocity(axis) => r[RECEIVER + axis.min(1)] = 1.0,
+            MeasuredScalar::Position(axis) => r[RECEIVER + axis.min(1)] = self.age_s as f32,
+        }
         for (i, h) in h.entries() {
             let (row, h) = (&self.effect[i], h as f32);
             for (r, effect) in r.iter_mut().zip(row) {
@@ -199,7 +242,7 @@ impl JumpWindow {
             }
         }
         self.all.add(&r, innovation, s);
-        if !of_flow {
+        if measured != MeasuredScalar::Flow {
             self.without_flow.add(&r, innovation, s);
         }
         let Some(gain) = gain else { return };
@@ -223,10 +266,8 @@ pub(super) struct JumpBank {
     /// How many were begun, and for how long the newest has gone on, s.
     begun: u32,
     since_s: f64,
-    /// What is measured is a flow.
-    pub(super) of_flow: bool,
-    /// What a compass that is turned changes it by, µT/rad.
-    pub(super) by_compass: f64,
+    /// What is measured next.
+    pub(super) measured: MeasuredScalar,
     /// What J has not followed yet.
     pending: Option<ErrorTransition>,
 }
@@ -239,8 +280,7 @@ impl JumpBank {
             gone: None,
             begun: 0,
             since_s: 0.0,
-            of_flow: false,
-            by_compass: 0.0,
+            measured: MeasuredScalar::Other,
             pending: None,
         }
     }
@@ -316,7 +356,7 @@ impl JumpBank {
         let innovation = innovation.clamp(-OUTLIER_SIGMAS * s.sqrt(), OUTLIER_SIGMAS * s.sqrt());
         let gain = ph.map(|ph| std::array::from_fn(|i| (ph[i] / s) as f32));
         for window in &mut self.windows {
-            window.observe(h, (innovation, s), gain.as_ref(), (self.of_flow, self.by_compass));
+            window.observe(h, (innovation, s), gain.as_ref(), self.measured);
         }
     }
 }
@@ -377,6 +417,54 @@ mod tests {
             }
         }
         filter
+    }
+
+    /// The same vehicle with fixes five times a second, whose receiver lies since [`FROM_S`] by `lie`, m/s, north and east, with its positions; and `gyro`, what
+    /// its gyros show wrongly since.
+    fn follow(lie: Vector2<f64>, gyro: f64, seconds: f64) -> Eskf {
+        let mut filter = fly(3, Vector3::zeros(), Vector3::zeros(), 0.0);
+        let noise = |k: u32, of: u32| f64::from((k * of) % 61) / 30.0 - 1.0;
+        for k in 0..(seconds * 100.0) as u32 {
+            let rate =
+                Vector3::new(noise(k, 7919), noise(k, 104_729), noise(k, 31)) * 1e-2 + Vector3::x() * gyro;
+            filter.predict(0.01, &rate, &-GRAVITY, &GRAVITY, &Vector3::zeros());
+            if k % 20 == 0 {
+                let s = *filter.state();
+                let place = lie * (f64::from(k) * 0.01) + Vector2::new(noise(k, 13), noise(k, 17)) * 0.3;
+                let speed = lie + Vector2::new(noise(k, 19), noise(k, 23)) * 0.05;
+                let errors = (place - s.position_ned.xy(), speed - s.velocity_ned.xy());
+                let _ = filter.fuse_fix(&errors.0, Some(&errors.1), [0.25, 0.01], &Lag::NONE);
+            }
+        }
+        filter
+    }
+
+    #[test]
+    fn a_receiver_that_lies_is_told_from_an_axis_and_what_it_led_to_is_taken_back() {
+        let best = |filter: &Eskf| {
+            let windows = filter.jump_windows().iter().enumerate().filter(|(_, w)| w.age_s() > 1.0);
+            let most = |a: &(usize, &JumpWindow), b: &(usize, &JumpWindow)| {
+                a.1.explained_by_receiver().total_cmp(&b.1.explained_by_receiver())
+            };
+            let (number, window) = windows.max_by(most).unwrap();
+            (number, window.explained_by_receiver(), window.receiver_step())
+        };
+        let lie = Vector2::new(1.2, -0.8);
+        let mut lied = follow(lie, 0.0, 3.0);
+        let (window, square, step) = best(&lied);
+        let (_, _, axis) = likeliest(&lied);
+        assert!(square > 1.5 * axis.square + 20.0, "{square} {axis:?}");
+        assert!((step - lie).norm() < 0.5 * lie.norm(), "{step:?}");
+        let led = lied.state().position_ned.xy().norm();
+        assert!(lied.believe_receiver_lies(window).is_some() && lied.believe_receiver_lies(9).is_none());
+        let left = lied.state().position_ned.xy().norm();
+        assert!(led > 1.0 && left < 0.5 * led, "{led} {left}");
+        // A gyro leads away as well, and is none of the receiver's.
+        let wrong = follow(Vector2::zeros(), 0.05, 3.0);
+        let (_, square, _) = best(&wrong);
+        let (_, jump, axis) = likeliest(&wrong);
+        // For a level vehicle an accelerometer tilts alike.
+        assert!([0, 4].contains(&jump) && axis.square > square + 9.2, "{jump} {axis:?} {square}");
     }
 
     /// The window and jump of the IMU's that explain most.

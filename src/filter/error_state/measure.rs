@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3, Vector4};
 
 use super::covariance::SparseRow;
+use super::jumps::MeasuredScalar;
 use super::tuning::MIN_AIRSPEED;
 use super::{AIRSPEED, BA, BG, BM, Correction, DRAG, Eskf, EskfState, FLOW, Gated, MICRO, P, THETA, V, WIND};
 use crate::camera::FlowCalibration;
@@ -71,8 +72,11 @@ impl Eskf {
             };
             // What the earlier components have changed of this one's expectation.
             let moved: f64 = fused.iter().flatten().flatten().map(|c: &Correction| h.dot(&c.all)).sum();
+            self.jumps.measured =
+                if i < 2 { MeasuredScalar::Position(axis) } else { MeasuredScalar::Velocity(axis) };
             fused[i] = Some(self.fuse(&h, error[axis] - moved, variances[i / 2]));
         }
+        self.jumps.measured = MeasuredScalar::Other;
         fused
     }
 
@@ -96,7 +100,7 @@ impl Eskf {
         sigma: f64,
     ) -> Result<f64, Gated> {
         let fused = self.fuse_field(body, field_ned, (sigma * MICRO).powi(2));
-        self.jumps.by_compass = 0.0;
+        self.jumps.measured = MeasuredScalar::Other;
         fused
     }
 
@@ -111,14 +115,14 @@ impl Eskf {
         let turned = Vector3::z().cross(&field_body) * MICRO;
         for axis in 0..3 {
             let h = magnetic_row(&field_body, axis);
-            self.jumps.by_compass = turned[axis];
+            self.jumps.measured = MeasuredScalar::Magnetic(turned[axis]);
             self.gate(&h, (body[axis] - expected[axis]) * MICRO, variance)?;
         }
         let mut nis = 0.0;
         for axis in 0..3 {
             let expected = self.state.expected_magnetic(field_ned);
             let h = magnetic_row(&(expected - self.state.magnetic_bias), axis);
-            self.jumps.by_compass = turned[axis];
+            self.jumps.measured = MeasuredScalar::Magnetic(turned[axis]);
             nis += self.fuse(&h, (body[axis] - expected[axis]) * MICRO, variance)?.nis / 3.0;
         }
         Ok(nis)
@@ -139,9 +143,9 @@ impl Eskf {
         let v_body = r_body_to_ned.tr_mul(velocity_ned);
         let innovation = v_xy - flow_model(&self.state.flow, &v_body, *distance_m);
         let rows = flow_rows(&self.state, &v_body, *distance_m, r_body_to_ned, lag);
-        self.jumps.of_flow = true;
+        self.jumps.measured = MeasuredScalar::Flow;
         let fused = self.fuse_pair(&rows, &innovation, [covariance[(0, 0)], covariance[(1, 1)]]);
-        self.jumps.of_flow = false;
+        self.jumps.measured = MeasuredScalar::Other;
         fused
     }
 

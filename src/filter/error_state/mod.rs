@@ -28,7 +28,7 @@ use crate::geo::so3::exp;
 pub use carry::Doubt;
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 use jumps::JumpBank;
-pub use jumps::{FLOW_JUMPS, IMU_JUMPS, JUMPS, JumpFit, JumpOdds, JumpWindow};
+pub use jumps::{FLOW_JUMPS, IMU_JUMPS, JUMPS, JumpFit, JumpOdds, JumpWindow, RECEIVER_JUMPS};
 pub use measure::{Lag, SeenFlow};
 pub use memory::EskfMemory;
 pub use tuning::JUMP_ONSET_PART;
@@ -371,14 +371,35 @@ impl Eskf {
             }
         }
         self.p += spread - mean * mean.transpose();
-        self.inject(&mean);
+        self.has_jumped(mean, nis)
+    }
+
+    /// What the filter would hold had it known that the receiver lies in every direction as a window of [`Self::jump_windows`] shows: x̂ + Σ J f̂. The windows are
+    /// forgotten. `None` where there is no such window.
+    pub fn believe_receiver_lies(&mut self, window: usize) -> Option<Correction> {
+        self.propagate_covariance();
+        self.jumps.catch_up();
+        let shown = self.jumps.windows().get(window)?;
+        let mut mean = SVector::<f64, STATES>::zeros();
+        for jump in RECEIVER_JUMPS {
+            let Some(fit) = shown.fit(jump) else { continue };
+            let (effect, variance) = shown.effect(jump);
+            mean += effect * fit.size;
+            self.p += effect * effect.transpose() * (variance + (fit.size * JUMP_ONSET_PART).powi(2));
+        }
+        let explained = shown.explained_by_receiver();
+        Some(self.has_jumped(mean, explained))
+    }
+
+    fn has_jumped(&mut self, moved: SVector<f64, STATES>, nis: f64) -> Correction {
+        self.inject(&moved);
         self.restart_transition();
         self.jumps.forget();
         Correction {
-            position_ned: mean.fixed_rows::<3>(P).into_owned(),
-            velocity_ned: mean.fixed_rows::<3>(V).into_owned(),
+            position_ned: moved.fixed_rows::<3>(P).into_owned(),
+            velocity_ned: moved.fixed_rows::<3>(V).into_owned(),
             nis,
-            all: mean,
+            all: moved,
         }
     }
 

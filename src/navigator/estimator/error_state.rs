@@ -216,6 +216,11 @@ impl ErrorStateStage {
         self.filter.believe_jumps(odds)
     }
 
+    /// See [`Eskf::believe_receiver_lies`].
+    pub(super) fn believe_receiver_lies(&mut self, window: usize) -> Option<Correction> {
+        self.filter.believe_receiver_lies(window)
+    }
+
     /// See [`Eskf::take_gone_jumps`].
     pub(super) fn take_gone_jumps(&mut self) -> Option<JumpWindow> {
         self.filter.take_gone_jumps()

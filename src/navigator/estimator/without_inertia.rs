@@ -102,6 +102,13 @@ impl EstimatorStack {
         Some(correction)
     }
 
+    /// The receiver has lied as a window shows: what the filter makes of it, as it moves it.
+    pub(in super::super) fn believe_receiver_lies(&mut self, window: usize) -> Option<Correction> {
+        let correction = self.error_state_mut()?.believe_receiver_lies(window)?;
+        self.doubted();
+        Some(correction)
+    }
+
     /// Jumps that the windows show, and that are only suspected.
     pub(in super::super) fn suspect_jumps(&mut self, now: AutopilotTime, jumps: &SuspectedJumps) {
         let windows = self.jump_windows();

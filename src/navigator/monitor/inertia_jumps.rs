@@ -132,12 +132,13 @@ impl InertiaJumps {
         waits
     }
 
-    /// Looks at the windows; `aided`: GNSS is good; `flies`: the vehicle does, and what is usual can be learned.
+    /// Looks at the windows; `aided`: GNSS is good; `flies`: the vehicle does, and what is usual can be learned; `blames`: an axis can be charged now.
     pub(in super::super) fn judge(
         &mut self,
         now: AutopilotTime,
         windows: &[JumpWindow],
         (aided, flies): (bool, bool),
+        blames: bool,
     ) -> JumpFinding {
         self.suspects = false;
         let usual = self.usual(aided);
@@ -149,7 +150,7 @@ impl InertiaJumps {
         let Likeliest { window, jump, group, square, rival } = shown.likeliest;
         let odds = shown.odds(usual);
         let clear = square - rival > CLEAR_OF * usual[group].variance().max(1.0);
-        let beyond = shown.over > 1.0 && clear;
+        let beyond = shown.over > 1.0 && clear && blames;
         self.quiet = if odds > 0.5 { None } else { self.quiet.or(Some(now)) };
         self.suspects = odds > 0.5 && square > rival;
         self.beyond = if beyond { self.beyond.or(Some(now)) } else { None };
@@ -213,9 +214,14 @@ impl InertiaJumps {
     ) -> (Option<ShownJumps>, [f64; GROUPS]) {
         let mut best: Option<ShownJumps> = None;
         let mut most = [0.0f64; GROUPS];
+        // A flow may have changed at another time.
+        let flows = FLOW_JUMPS.filter(|jump| !party.contains(jump));
+        let flow =
+            flows.flat_map(|jump| windows.iter().map(move |w| self.square(w, jump))).fold(0.0, f64::max);
         for (number, window) in windows.iter().enumerate().filter(|(_, w)| w.age_s() > YOUNGEST_S) {
             let others = (0..JUMPS).filter(|jump| !party.contains(jump));
-            let rival = others.map(|jump| self.square(window, jump)).fold(0.0, f64::max);
+            let receiver = window.explained_by_receiver() / self.livelier(window);
+            let rival = others.map(|jump| self.square(window, jump)).fold(receiver.max(flow), f64::max);
             for (jump, group) in LIKE.into_iter().filter(|(jump, _)| party.contains(jump)) {
                 let usual = &usual[group];
                 let mut square = self.square(window, jump);

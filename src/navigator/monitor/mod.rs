@@ -14,6 +14,7 @@ pub(super) mod inertia_witness;
 pub(super) mod mode;
 pub(super) mod outage;
 pub(super) mod plausibility;
+pub(super) mod receiver_lie;
 mod step_fit;
 pub(super) mod unexplained;
 pub(super) mod usual;

@@ -55,8 +55,10 @@ pub(super) fn best_steps(felt: &[FixWithImpulse], now: AutopilotTime) -> Option<
     let rest = Residuals::of(felt)?;
     let plain = rest.of_differences.iter().map(Vector2::norm_squared).sum::<f64>();
     let (mut steps, mut kinks) = ([None::<VelocityStep>; 2], [0.0f64; 2]);
-    for (k, onset) in felt.windows(2).enumerate() {
+    let mut later = LaterFixes::default();
+    for (k, onset) in felt.windows(2).enumerate().rev() {
         let (before, since) = (onset[0].time, onset[1].time);
+        later.add(&rest, k + 1, since.seconds_since(first.time));
         let age = now.seconds_since(since);
         let several = felt.len() - 1 - k >= YOUNG_FIXES;
         let which = match age {
@@ -64,10 +66,9 @@ pub(super) fn best_steps(felt: &[FixWithImpulse], now: AutopilotTime) -> Option<
             age if several && age < YOUNGEST_S => 1,
             _ => continue,
         };
-        let bend = |f: &FixWithImpulse| f.time.seconds_since(before).max(0.0);
-        kinks[which] = kinks[which].max(rest.explained(felt, bend).1);
-        let (size, gain) = rest.explained(felt, |f| f64::from(u8::from(f.time >= since)));
-        if steps[which].is_none_or(|b| gain > b.gain) {
+        kinks[which] = kinks[which].max(later.explained(-before.seconds_since(first.time), 1.0).1);
+        let (size, gain) = later.explained(1.0, 0.0);
+        if steps[which].is_none_or(|b| gain >= b.gain) {
             let left = (plain - gain).max(0.0);
             steps[which] = Some(VelocityStep { since: before, size, gain, kink: 0.0, left });
         }
@@ -91,6 +92,8 @@ fn acceleration(felt: &[FixWithImpulse], at: usize) -> Vector2<f64> {
 /// basis of those, by fixes.
 struct Residuals {
     basis: [[Vector2<f64>; SAMPLES]; NUISANCES],
+    /// So many of them.
+    used: usize,
     of_differences: [Vector2<f64>; SAMPLES],
 }
 
@@ -100,8 +103,8 @@ impl Residuals {
         let from = felt.first()?.time;
         let mean = felt.iter().map(FixWithImpulse::impulse).sum::<Vector2<f64>>() / n;
         let zero = Vector2::zeros();
-        let mut rest = Self { basis: [[zero; SAMPLES]; NUISANCES], of_differences: [zero; SAMPLES] };
-        let mut used = 0;
+        let (basis, of_differences) = ([[zero; SAMPLES]; NUISANCES], [zero; SAMPLES]);
+        let mut rest = Self { basis, used: 0, of_differences };
         for k in 0..NUISANCES {
             let mut column = [zero; SAMPLES];
             for (at, (value, f)) in column.iter_mut().zip(felt).enumerate() {
@@ -121,14 +124,14 @@ impl Residuals {
             let left = column.iter().map(Vector2::norm_squared).sum::<f64>();
             // Who flies straight on says nothing of turn and scale.
             if left > 1e-3 * before && left > LEAST_NOISE_MPS {
-                rest.basis[used] = column.map(|value| value / left.sqrt());
-                used += 1;
+                rest.basis[rest.used] = column.map(|value| value / left.sqrt());
+                rest.used += 1;
             }
         }
-        let mut differences = [zero; SAMPLES];
-        for (value, f) in differences.iter_mut().zip(felt) {
+        for (value, f) in rest.of_differences.iter_mut().zip(felt) {
             *value = f.difference - felt[0].difference;
         }
+        let mut differences = rest.of_differences;
         rest.take_out(&mut differences);
         rest.of_differences = differences;
         Some(rest)
@@ -136,31 +139,47 @@ impl Residuals {
 
     /// What is orthogonal to all that are taken so far.
     fn take_out(&self, column: &mut [Vector2<f64>; SAMPLES]) {
-        for basis in &self.basis {
+        for basis in &self.basis[..self.used] {
             let along: f64 = basis.iter().zip(column.iter()).map(|(b, c)| b.dot(c)).sum();
             for (value, b) in column.iter_mut().zip(basis) {
                 *value -= b * along;
             }
         }
     }
+}
 
-    /// s, NE, of d = … + s u, and what that explains.
-    fn explained(&self, felt: &[FixWithImpulse], u: impl Fn(&FixWithImpulse) -> f64) -> (Vector2<f64>, f64) {
-        let column = |axis: Vector2<f64>| {
-            let mut column = [Vector2::zeros(); SAMPLES];
-            for (value, f) in column.iter_mut().zip(felt) {
-                *value = axis * u(f);
-            }
-            self.take_out(&mut column);
-            column
-        };
-        let dot = |a: &[Vector2<f64>; SAMPLES], b: &[Vector2<f64>; SAMPLES]| -> f64 {
-            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-        };
-        let (north, east) = (column(Vector2::x()), column(Vector2::y()));
+/// Sums over the fixes of an onset and later, of which every u = α + β t that begins there is made: no onset needs a pass of its own.
+#[derive(Default)]
+struct LaterFixes {
+    /// Σ 1, Σ t and Σ t².
+    powers: [f64; 3],
+    /// Σ b and Σ b t of every vector of the basis, and the same of the residuals.
+    basis: [[Vector2<f64>; 2]; NUISANCES],
+    residuals: [Vector2<f64>; 2],
+}
+
+impl LaterFixes {
+    /// One more, the one before those that are in.
+    fn add(&mut self, rest: &Residuals, at: usize, t: f64) {
+        for (sum, power) in self.powers.iter_mut().zip([1.0, t, t * t]) {
+            *sum += power;
+        }
+        for (sums, basis) in self.basis.iter_mut().zip(&rest.basis) {
+            sums[0] += basis[at];
+            sums[1] += basis[at] * t;
+        }
+        self.residuals[0] += rest.of_differences[at];
+        self.residuals[1] += rest.of_differences[at] * t;
+    }
+
+    /// s, NE, of d = … + s u with u = α + β t, and what that explains: with p = Σ b u of every vector b of the basis, (I Σ u² − Σ p pᵀ) s = Σ r u.
+    fn explained(&self, alpha: f64, beta: f64) -> (Vector2<f64>, f64) {
+        let [ones, times, squares] = self.powers;
+        let square = alpha * alpha * ones + 2.0 * alpha * beta * times + beta * beta * squares;
+        let by_u = |sums: &[Vector2<f64>; 2]| sums[0] * alpha + sums[1] * beta;
         let normal =
-            Matrix2::new(dot(&north, &north), dot(&north, &east), dot(&north, &east), dot(&east, &east));
-        let right = Vector2::new(dot(&north, &self.of_differences), dot(&east, &self.of_differences));
+            self.basis.iter().map(by_u).fold(Matrix2::identity() * square, |n, p| n - p * p.transpose());
+        let right = by_u(&self.residuals);
         let size = normal.try_inverse().map_or(Vector2::zeros(), |inverse| inverse * right);
         (size, size.dot(&right).max(0.0))
     }

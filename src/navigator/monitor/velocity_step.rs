@@ -46,6 +46,8 @@ pub(in super::super) struct VelocityLie {
     pub(in super::super) since: AutopilotTime,
     /// NE, m/s.
     step: Vector2<f64>,
+    /// What it did to the estimate is undone.
+    pub(in super::super) undone: bool,
 }
 
 /// What may be a velocity that is a lie, and until when it may lead away.
@@ -82,7 +84,7 @@ impl StepLook {
     /// With a noise variance, (m/s)², and degrees of freedom.
     fn of(step: &VelocityStep, noise: f64, degrees: f64) -> Self {
         Self {
-            begun: VelocityLie { since: step.since, step: step.size },
+            begun: VelocityLie { since: step.since, step: step.size, undone: false },
             square: step.gain / noise,
             left: step.left / noise,
             unexplained: (step.left / noise - degrees).max(0.0),
@@ -185,6 +187,20 @@ impl VelocitySteps {
             let at_once = pair[1].time.seconds_since(pair[0].time) < ONCE_S || pair[1].time < last.time;
             at_once && (pair[1].difference - pair[0].difference).norm() > AT_ONCE * parted
         })
+    }
+
+    /// The filter's innovations show a lie, and what it did to the estimate is undone.
+    pub(in super::super) fn charge(&mut self, since: AutopilotTime, step: Vector2<f64>) {
+        (self.lie, self.doubt) = (Some(VelocityLie { since, step, undone: true }), None);
+        self.agrees_since = None;
+    }
+
+    /// They show what may be one.
+    pub(in super::super) fn suspect(&mut self, now: AutopilotTime, since: AutopilotTime, step: Vector2<f64>) {
+        if self.lie.is_none() && self.doubt.is_none_or(|d| d.kind == DoubtKind::Young) {
+            let lie = VelocityLie { since, step, undone: false };
+            self.doubt = Some(VelocityDoubt::of(lie, now, DoubtKind::Likely));
+        }
     }
 
     /// Another witness has seen that it is no lie.
@@ -431,7 +447,7 @@ mod tests {
     /// A lie of 2 m/s since 0 s, at 30 s and `after_s` later.
     fn let_go(after_s: f64, position_sigma: f64) -> VelocitySteps {
         let mut steps = VelocitySteps::new();
-        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0) });
+        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0), undone: false });
         for t in [30.0, 30.0 + after_s] {
             let (velocity, impulse) = (Vector2::new(2.0, 0.0), Vector2::zeros());
             let (epoch, judged, error, sigma) = (0, false, None, f64::INFINITY);
@@ -473,7 +489,7 @@ mod tests {
             velocity: Vector2::new(7.0, 0.0),
         });
         assert!(!steps.is_shared_by(&Vector2::new(7.1, 0.0)));
-        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0) });
+        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0), undone: false });
         assert!(steps.is_shared_by(&Vector2::new(7.1, 0.0)) && !steps.is_shared_by(&Vector2::new(5.1, 0.0)));
     }
 

@@ -6,6 +6,7 @@ use super::inertia_jumps::InertiaJumps;
 use super::inertia_trust::InertiaTrust;
 use super::inertia_witness::HorizontalWitness;
 use super::plausibility::Plausibility;
+use super::receiver_lie::ReceiverLies;
 use super::unexplained::Unexplained;
 use super::vertical_witness::VerticalWitness;
 use crate::navigator::tuning::inertia_witness::TURNED_S;
@@ -28,7 +29,9 @@ pub(in super::super) struct Witnesses {
     pub(in super::super) plausibility: Plausibility,
     /// The filter's innovations, of the IMU's axes.
     pub(in super::super) jumps: InertiaJumps,
-    /// What came of that.
+    /// The same, of a receiver's honesty.
+    pub(in super::super) receiver: ReceiverLies,
+    /// What came of the IMU's.
     pub(in super::super) inertia: InertiaTrust,
     /// Of where the receiver came back.
     pub(in super::super) unexplained: Unexplained,

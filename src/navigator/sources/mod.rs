@@ -102,7 +102,7 @@ impl SourceSet {
             gnss_receiver: self.gnss.receiver(),
             gnss_sigma_m: self.gnss.sigma_m(),
             gnss_latency_sigma_s: self.gnss.latency.sigma_s(),
-            lying_since: self.gnss.steps.lie().map(|lie| lie.since),
+            lying_since: self.gnss.steps.lie().filter(|lie| !lie.undone).map(|lie| lie.since),
             landmark_fix: self.landmarks.as_ref().and_then(landmarks::LandmarkSource::fix),
         }
     }

@@ -369,6 +369,19 @@ pub(in crate::navigator) mod inertia_jumps {
     pub(in crate::navigator) const REPEATED_S: f64 = 15.0;
 }
 
+/// A receiver whose lie all the innovations show: looked for as jumps of the IMU's axes are.
+pub(in crate::navigator) mod receiver_lie {
+    pub(in crate::navigator) use super::inertia_jumps::{
+        CLEAR_OF, DECADES, FIRM, LEARN_S, LEARNED, LOOK_S, MEMORY, SPREAD, UNLIKELY, YOUNGEST_S,
+    };
+    /// It has to last for this long, s.
+    pub(in crate::navigator) const LASTS_S: f64 = 1.0;
+    /// A flow is heard that was used so short a time ago, s.
+    pub(in crate::navigator) const CARRIED_S: f64 = 1.0;
+    /// Slower it harms nobody soon, m/s.
+    pub(in crate::navigator) const LEAST_MPS: f64 = 0.25;
+}
+
 /// Dead reckoning.
 pub(in crate::navigator) mod outage {
     /// What carries is told when it has carried for this long, s.

@@ -1,0 +1,121 @@
+//! Whether a receiver has begun to lie, with position and velocity together: by all that the filter has been told since.
+//!
+//! A velocity that is wrong by f since θ, and positions that walk off with it, show in the receiver's innovations; and, as the filter follows, in everybody
+//! else's ([`crate::filter::error_state::JumpWindow`]). Whatever may have changed instead (an axis of the IMU, the flow, wind, compass) has to explain the same innovations: where the receiver's
+//! lie explains far more than is usual ([`UsualSpread`]), and clearly more than any of those, for a while, it is a lie. Flow, drag, airspeed, magnetometer and inertia
+//! testify together, and the filter is what it would be had it known. What is only more likely than not is a doubt: how far it has led since is in sigma.
+
+use nalgebra::Vector2;
+
+use crate::filter::error_state::{JUMPS, JumpWindow, RECEIVER_JUMPS};
+use crate::time::{AutopilotTime, Span};
+
+use super::usual::UsualSpread;
+use crate::navigator::tuning::receiver_lie::{
+    CLEAR_OF, DECADES, FIRM, LASTS_S, LEARN_S, LEARNED, LEAST_MPS, LOOK_S, MEMORY, SPREAD, UNLIKELY,
+    YOUNGEST_S,
+};
+
+/// A lie that a window shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) struct ShownLie {
+    pub(in super::super) window: usize,
+    /// For how long it has gone on, s.
+    pub(in super::super) age_s: f64,
+    /// What the velocity is wrong by, NE, m/s.
+    pub(in super::super) step: Vector2<f64>,
+    /// What it explains, and the most that anything else does, as squares of sigmas.
+    square: f64,
+    rival: f64,
+}
+
+impl ShownLie {
+    fn by(number: usize, window: &JumpWindow) -> Self {
+        let others = (0..JUMPS).filter(|jump| !RECEIVER_JUMPS.contains(jump));
+        let squares = others.filter_map(|jump| window.fit(jump)).map(|fit| fit.square);
+        Self {
+            window: number,
+            age_s: window.age_s(),
+            step: window.receiver_step(),
+            square: window.explained_by_receiver(),
+            rival: squares.fold(0.0, f64::max),
+        }
+    }
+}
+
+/// What the innovations say of the receiver.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) enum ReceiverFinding {
+    /// More likely than not it lies.
+    Suspected(ShownLie),
+    /// It does.
+    Lies(ShownLie),
+}
+
+/// See the module's documentation.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct ReceiverLies {
+    usual: UsualSpread,
+    learned: u32,
+    learn_due: Option<AutopilotTime>,
+    look_due: Option<AutopilotTime>,
+    /// Since when one has been likely, and beyond doubt.
+    likely: Option<AutopilotTime>,
+    beyond: Option<AutopilotTime>,
+}
+
+impl Default for ReceiverLies {
+    fn default() -> Self {
+        let usual = UsualSpread::expecting(SPREAD, FIRM);
+        Self { usual, learned: 0, learn_due: None, look_due: None, likely: None, beyond: None }
+    }
+}
+
+impl ReceiverLies {
+    /// Looks at the windows of a filter that follows the receiver in flight, and whose velocity something else than inertia tells as well: against inertia alone nothing is
+    /// likely enough.
+    pub(in super::super) fn judge(
+        &mut self,
+        now: AutopilotTime,
+        windows: &[JumpWindow],
+    ) -> Option<ReceiverFinding> {
+        if self.look_due.is_some_and(|due| now < due) {
+            return None;
+        }
+        self.look_due = Some(now + Span::from_seconds(LOOK_S));
+        let old = windows.iter().enumerate().filter(|(_, w)| w.age_s() > YOUNGEST_S);
+        let shown = old.map(|(number, window)| ShownLie::by(number, window));
+        let shown = shown.max_by(|a, b| a.square.total_cmp(&b.square))?;
+        let unit = self.usual.variance().max(1.0);
+        let likely = self.learned >= LEARNED
+            && shown.square > 2.0 * UNLIKELY * unit
+            && shown.square - shown.rival > CLEAR_OF * unit
+            && shown.step.norm() > LEAST_MPS;
+        let beyond = likely && shown.square > self.usual.limit(DECADES);
+        self.likely = if likely { self.likely.or(Some(now)) } else { None };
+        self.beyond = if beyond { self.beyond.or(Some(now)) } else { None };
+        if !likely {
+            self.learn(now, shown.square);
+        }
+        let lasts = |since: Option<AutopilotTime>| since.is_some_and(|t| now.seconds_since(t) >= LASTS_S);
+        if lasts(self.beyond) {
+            self.rest();
+            return Some(ReceiverFinding::Lies(shown));
+        }
+        lasts(self.likely).then_some(ReceiverFinding::Suspected(shown))
+    }
+
+    /// What is beyond its limit again and again is usual, too, but no more than the limit at once.
+    fn learn(&mut self, now: AutopilotTime, square: f64) {
+        if self.learn_due.is_none_or(|due| now >= due) {
+            self.learn_due = Some(now + Span::from_seconds(LEARN_S));
+            self.learned = self.learned.saturating_add(1);
+            self.usual.learn(square.min(self.usual.limit(DECADES)), MEMORY);
+        }
+    }
+
+    /// The filter does not follow the receiver.
+    pub(in super::super) fn rest(&mut self) {
+        (self.likely, self.beyond) = (None, None);
+    }
+}
