@@ -197,7 +197,7 @@ impl Altimeter {
         }
     }
 
-    /// What was measured over the last `for_s` seconds may have changed the climb rate by `climb_mps`, m/s, that it did not change by, and the height along with it.
+    /// Heights of the last `for_s` seconds that were not to be used have changed the climb rate by `climb_mps`, m/s, and the height with it: both may be wrong by that, 1 sigma.
     pub fn doubt(&mut self, climb_mps: f64, for_s: f64) {
         self.propagate();
         self.move_by(climb_mps, climb_mps * for_s);

@@ -5,6 +5,8 @@
 //! that goes wrong makes is a kink, d = c + a t + k·(t − θ)₊. Both are fitted by least squares for every θ of the last seconds; the step is a lie where it
 //! explains more than is usual for this receiver ([`UsualPeak`]), more than any kink does, and more than a heading that is off makes of the change of velocity.
 //!
+//! Beside a flow all innovations of the filter may show a lie sooner (see `receiver_lie`): what they charge or doubt is held here as well, and ends in the same ways.
+//!
 //! What is far from usual and not beyond doubt is no charge: how far it has led, if it is a lie, is a part of what is claimed of the position.
 //!
 //! A lie stands until the velocity steps back, or until whatever else carries knows the velocity well enough to see that GNSS agrees with it again; until

@@ -376,7 +376,7 @@ pub(in crate::navigator) mod receiver_lie {
     };
     /// It has to last for this long, s.
     pub(in crate::navigator) const LASTS_S: f64 = 1.0;
-    /// A flow is heard that was used so short a time ago, s.
+    /// A flow is heard while its newest velocity is no older than this, s.
     pub(in crate::navigator) const CARRIED_S: f64 = 1.0;
     /// Slower it harms nobody soon, m/s.
     pub(in crate::navigator) const LEAST_MPS: f64 = 0.25;

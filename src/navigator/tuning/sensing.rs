@@ -62,7 +62,7 @@ pub(in crate::navigator) mod barometer {
     pub(in crate::navigator) const UNUSUAL_S: f64 = 3.0;
     pub(in crate::navigator) const UNUSUAL: f64 = 4.0;
     pub(in crate::navigator) const KNOWN_S: f64 = 30.0;
-    /// What it tells for so much of that, and for this long, s, is not used any more: a height that is kept while the vehicle climbs takes the climb away.
+    /// What it tells so many times longer than it ever has, and for this long, s, is not used any more: a height that is kept while the vehicle climbs takes the climb away.
     pub(in crate::navigator) const DOUBTFUL: f64 = 2.0;
     pub(in crate::navigator) const DOUBTFUL_S: f64 = 0.3;
 }
