@@ -1,10 +1,12 @@
 //! `holdover stress`: faults of every sensor put into logs, in one table.
 
+use std::str::FromStr;
+
 use clap::Args;
 use serde::Serialize;
 
 use crate::config::Settings;
-use crate::fault::InjectedFault;
+use crate::fault::{FaultError, InjectedFault};
 use crate::log::{Log, LogError, LogFile};
 use crate::replay::matrix::{StressCase, matrix};
 use crate::replay::stress::{StressReport, StressRow, stress};
@@ -26,9 +28,10 @@ pub struct StressArgs {
     /// Starts, spread evenly over the flight
     #[arg(long, default_value_t = 4)]
     pub starts: usize,
-    /// Instead of the whole matrix this fault, seconds since the interval's start, as in flow:zero@10..60; may be given several times
+    /// Instead of the whole matrix this fault, seconds since the interval's start, as in flow:zero@10..60, or several at once with spaces between them; may be
+    /// given several times, a row each
     #[arg(long, value_name = "FAULT")]
-    pub fault: Vec<InjectedFault>,
+    pub fault: Vec<FaultsTogether>,
     /// With --fault: GNSS is there
     #[arg(long, requires = "fault")]
     pub with_gnss: bool,
@@ -41,6 +44,19 @@ pub struct StressArgs {
     /// Settings
     #[command(flatten)]
     pub settings: ConfigArgs,
+}
+
+/// Faults that are put in at once: a row of the table.
+#[derive(Clone, Debug)]
+pub struct FaultsTogether(Vec<InjectedFault>);
+
+impl FromStr for FaultsTogether {
+    type Err = FaultError;
+
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        let faults = text.split_whitespace().map(str::parse).collect::<Result<Vec<_>, _>>()?;
+        if faults.is_empty() { Err(FaultError::Form(text.to_owned())) } else { Ok(Self(faults)) }
+    }
 }
 
 /// The JSON of `--json`.
@@ -120,9 +136,9 @@ fn cases(args: &StressArgs) -> Result<Vec<StressCase>, Failure> {
     if args.fault.is_empty() {
         return matrix(args.length).map_err(|e| Failure::Other(e.to_string()));
     }
-    let case = |fault: &InjectedFault| StressCase {
-        name: fault.to_string(),
-        faults: vec![*fault],
+    let case = |together: &FaultsTogether| StressCase {
+        name: together.0.iter().map(InjectedFault::to_string).collect::<Vec<_>>().join(" "),
+        faults: together.0.clone(),
         outage: !args.with_gnss,
     };
     Ok(args.fault.iter().map(case).collect())

@@ -259,7 +259,12 @@ impl Core {
             self.witnesses.unexplained.taken_back(now, &led.xy(), self.integrity.walked_spread_m());
             self.events.tell(now, EventKind::WalkedBack(led.norm()));
         }
-        if let (GnssFault::ContradictsInertia, Some(since)) = (fault, facts.lying_since) {
+        let wrong_since = match fault {
+            GnssFault::ContradictsInertia => facts.lying_since,
+            GnssFault::Frozen => self.integrity.frozen_since(),
+            _ => None,
+        };
+        if let Some(since) = wrong_since {
             flow_judge::take_back(self, since);
             self.witnesses.unexplained.undone();
         }

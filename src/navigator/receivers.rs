@@ -72,10 +72,19 @@ pub(super) fn hear_flow(
 ) -> Result<(), GnssFault> {
     let gnss = &mut sources.gnss;
     let (flow, known) = (gnss.travel.at(reading.measured), gnss.travel.covariance());
-    let was_walking = gnss.witness.walk().is_some();
+    let (was_walking, no_more) = (gnss.witness.walk().is_some(), gnss.witness.walks_no_more(known));
     let times = [reading.stamp, reading.measured];
     gnss.witness.fix(times, reading.position_ned.xy(), flow, known);
-    let Some(walk) = gnss.witness.walk().copied() else { return Ok(()) };
+    if let Some((seconds, step)) = gnss.steps.doubted(reading.measured) {
+        gnss.witness.hear_inertia(seconds, &step, known);
+    }
+    let Some(walk) = gnss.witness.walk().copied() else {
+        if was_walking && no_more {
+            gnss.steps.clear();
+        }
+        return Ok(());
+    };
+    gnss.steps.confirm(reading.measured);
     if !was_walking {
         core.integrity.walks(walk.walked_ne, walk.spread_m);
         core.integrity.leads(&reading.position_error);
@@ -113,9 +122,9 @@ pub(super) fn hear_inertia(
         sigma: core.estimator.speed_sigma().unwrap_or(f64::INFINITY),
         position_sigma: position_sigma.unwrap_or(f64::INFINITY),
     });
-    let witness = &sources.gnss.witness;
+    let (witness, known) = (&sources.gnss.witness, sources.gnss.travel.covariance());
     let speed = velocity.norm();
-    if steps.doubted(reading.measured).is_some_and(|(s, step)| witness.clears(s, step, speed)) {
+    if steps.doubted(reading.measured).is_some_and(|(s, step)| witness.clears(s, &step, speed, known)) {
         steps.clear();
         core.witnesses.unexplained.undone();
     }
@@ -185,7 +194,7 @@ pub(super) fn spare(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime
         if core.integrity.walks_with(&sources.gnss.spare.wander()) {
             return Err(GnssFault::Inconsistent);
         }
-        if reading.velocity_ne.is_some_and(|v| sources.gnss.steps.is_shared_by(&v)) {
+        if shares_step(core, &mut sources.gnss.steps, &reading) {
             return Err(GnssFault::ContradictsInertia);
         }
         Ok((standing, reading))
@@ -221,6 +230,13 @@ pub(super) fn spare(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime
         return true;
     }
     false
+}
+
+/// The velocity of the receiver in use has stepped, and that of this one lies where the step has led, as far as anybody can tell.
+fn shares_step(core: &Core, steps: &mut VelocitySteps, reading: &FixReading) -> bool {
+    let Some(velocity) = reading.velocity_ne.filter(|_| steps.lie().is_some()) else { return false };
+    let impulse = core.timeline.impulse(reading.measured);
+    impulse.is_none_or(|felt| steps.is_shared_by(&(velocity - felt.xy()), core.timeline.epoch()))
 }
 
 /// Whether the receiver that is not in use is charged: it may have led the estimate astray.

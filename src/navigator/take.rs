@@ -418,7 +418,7 @@ impl Navigator {
         }
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let gnss = &mut self.sources.gnss;
-        let doubted = gnss.witness.doubts() || self.core.dead_reckoning();
+        let doubted = gnss.doubts() || self.core.dead_reckoning();
         self.sources.flow.testify(&measured, index, &mut gnss.travel, doubted, &context);
         if let Some(by) = gnss.travel.take_recalibration() {
             gnss.witness.recalibrate(&by);

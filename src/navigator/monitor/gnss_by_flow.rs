@@ -3,25 +3,25 @@
 //! Over a second what the positions have moved and what the flow has travelled differ by y = w t + J x + e: w is what the receiver walks by, constant in north and east; x what the
 //! flow's calibration [b_x, b_y, s, μ] is wrong by, constant in the body and, but for the bias, in proportion to the speed; e the flow's noise, which adds up, and that
 //! of the positions at both ends, which does not: E e_k² = q t + 2 R and E e_k e_{k−1} = −R, both measured ([`NoiseAndWalk`], of the differences of what successive times have
-//! moved by, in which no constant is left). Least squares is of e made white by the innovations algorithm (Brockwell and Davis 1991,
-//! *Time Series: Theory and Methods*, section 5.2). Over windows of
+//! moved by, in which no constant is left). Over windows of
 //! some seconds, three hypotheses are compared by what they explain of Σ|y|²/σ² (generalised likelihood ratios, Basseville and Nikiforov
 //! 1993, section 2.4.3, with Gaussian priors): the calibration is as well known as it says; besides, the receiver walks off; or the flow
 //! has changed beyond anything that it says. Accused is the receiver where its walk explains more than is usual ([`UsualSpread`]), more than the
 //! flow's change could, and most of what there is to explain. A hover shows it at once, a straight flight only with its next turn: until
 //! then it may be the flow's scale.
 
-use nalgebra::{Matrix2x4, Matrix4, Matrix6, SMatrix, Vector2, Vector6};
+use nalgebra::{Matrix4, Vector2};
 
 use crate::filter::NoiseAndWalk;
 use crate::time::AutopilotTime;
 
 use super::flow_travel::{FlowPlace, Recalibration};
 use super::usual::UsualSpread;
+use super::walk_fit::{WalkSums, WitnessBlock};
 use crate::navigator::tuning::gnss_by_flow::{
-    BLOCK_S, BLOCKS, CHANGED, CLEAR_OF, DECADES, DOUBT_DECADES, FIRM, FIX_HOLE_S, GRAVE_DECADES, JUMP_M,
-    LEAST_GROWTH, LEAST_MPS, LEAST_PART, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_MEMORY_S, NOISE_SPANS, ONSETS,
-    RESTORED, RIVAL, SPREAD, START_GROWTH, START_VARIANCE, WALK_SIGMA_MPS, WANDER, WINDOWS,
+    BLOCK_S, BLOCKS, CHANGED, CLEAR_OF, CONFIRMED, DECADES, DOUBT_DECADES, FIRM, FIX_HOLE_S, GRAVE_DECADES,
+    JUMP_M, LEAST_MPS, LEAST_PART, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_MEMORY_S, NOISE_SPANS, ONSETS,
+    RESTORED, RIVAL, SPREAD, START_GROWTH, START_VARIANCE, WALK_SIGMA_MPS, WANDER, WINDOWS, WITNESSES,
 };
 
 /// What blocks can cover, s; and a walk shows in two of the shorter windows if it does, s.
@@ -39,24 +39,6 @@ pub(in super::super) struct ReceiverWalk {
     pub(in super::super) walked_ne: Vector2<f64>,
     /// As well as that is known, m.
     pub(in super::super) spread_m: f64,
-}
-
-/// A second of both.
-#[derive(Clone, Copy, Debug, Default)]
-struct WitnessBlock {
-    seconds: f64,
-    /// What GNSS moved by more than the flow, NE, m.
-    gap_ne: Vector2<f64>,
-    sensitivity: Matrix2x4<f64>,
-    /// It begins where the one before has ended.
-    follows: bool,
-}
-
-impl WitnessBlock {
-    /// y, m/s.
-    fn rate(&self) -> Vector2<f64> {
-        self.gap_ne / self.seconds
-    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -151,13 +133,53 @@ impl GnssByFlow {
         self.doubted || self.walk.is_some()
     }
 
-    /// Whether the flow has watched the receiver for the last `seconds` and has seen nothing of a walk of `walk_mps` that began then, which at this speed it would
-    /// have by now.
-    pub(in super::super) fn clears(&self, seconds: f64, walk_mps: f64, speed_mps: f64) -> bool {
-        let seen = walk_mps > CLEARLY * LEAST_MPS.max(LEAST_PART * speed_mps);
+    /// What the flow, whose calibration is known as `known`, says of a walk by `step`, NE, m/s, that inertia suspects to have begun `seconds` ago: by how much it is more
+    /// likely that there is none, ln, in what is usual: one that goes on shows in whatever part of that time the flow has watched. `None` where it has not.
+    fn weighs(&self, seconds: f64, step: &Vector2<f64>, known: Option<&Matrix4<f64>>) -> Option<f64> {
+        let n = ((seconds / BLOCK_S) as usize).min(self.blocks.len());
+        let watches = self.last.is_some_and(|l| l.flow.is_some()) && n >= WINDOWS[0];
+        let blocks = self.blocks.get(self.blocks.len() - n..).filter(|_| watches)?;
+        let usual = self.windows.iter().map(|window| window.usual.variance()).fold(1.0, f64::max);
+        let prior = wandering(known?).try_inverse()?;
+        Some(WalkSums::of(blocks, &self.noise).against(step, &prior)? / (2.0 * usual))
+    }
+
+    /// Whether the flow has watched from the beginning, would have shown such a walk at this speed, and has not. (Flow that is new to the walk may have learned from
+    /// it, and what its scale and heading change by on the way is in proportion to the speed.)
+    pub(in super::super) fn clears(
+        &self,
+        seconds: f64,
+        step: &Vector2<f64>,
+        speed_mps: f64,
+        known: Option<&Matrix4<f64>>,
+    ) -> bool {
         let watched_s = self.blocks.len() as f64 * BLOCK_S;
-        let watches = self.last.is_some_and(|l| l.flow.is_some()) && watched_s >= seconds.min(LONGEST_S);
-        seen && watches && seconds > CLEARS_S && !self.doubts()
+        let whole = seconds >= CLEARS_S && watched_s >= seconds.min(LONGEST_S);
+        let seen = step.norm() > CLEARLY * LEAST_MPS.max(LEAST_PART * speed_mps);
+        let weighs = || self.weighs(seconds, step, known);
+        seen && whole && !self.doubts() && weighs().is_some_and(|against| against > WITNESSES)
+    }
+
+    /// Whether the flow shows that the receiver does not walk any more as it did.
+    pub(in super::super) fn walks_no_more(&self, known: Option<&Matrix4<f64>>) -> bool {
+        let no = self.walk.and_then(|walk| self.weighs(CLEARS_S, &walk.velocity_ne, known));
+        no.is_some_and(|no| no > WITNESSES)
+    }
+
+    /// Flow and inertia testify together: what inertia suspects, and what the flow alone would be too little for, is a walk.
+    pub(in super::super) fn hear_inertia(
+        &mut self,
+        seconds: f64,
+        step: &Vector2<f64>,
+        known: Option<&Matrix4<f64>>,
+    ) {
+        let confirms = self.weighs(seconds, step, known).is_some_and(|against| against < -WITNESSES);
+        if confirms && self.walk.is_none() {
+            self.jumped = false;
+            let walked_ne = step * seconds;
+            let spread_m = CONFIRMED * walked_ne.norm();
+            self.walk = Some(ReceiverWalk { velocity_ne: *step, walked_ne, spread_m });
+        }
     }
 
     /// The calibration that testifies is another: what was seen is as it would have shown it.
@@ -288,7 +310,11 @@ impl GnssByFlow {
             let spread_m = (walked_ne.norm() * part).hypot(before_m);
             let found = ReceiverWalk { velocity_ne: f.walk_ne, walked_ne, spread_m };
             self.walk.get_or_insert(found);
-        } else if self.walk.is_some() && restored && findings[last].is_some() {
+        } else if let Some(walk) = self.walk
+            && restored
+            && findings[last].is_some()
+            && self.weighs(WINDOWS[last] as f64, &walk.velocity_ne, Some(known)).is_none_or(|no| no > 0.0)
+        {
             self.acquit();
         }
         self.learn(&findings);
@@ -373,61 +399,33 @@ impl GnssByFlow {
 
     /// What the last `n` blocks show.
     fn find(&self, n: usize, known: &Matrix4<f64>) -> Option<WalkFinding> {
-        if self.blocks.len() < n {
-            return None;
-        }
-        // Learned of differences of what was moved by, R′ = 1.5 R.
-        let (white, growth) = self.noise.parts();
-        let (white, growth) = (white / 1.5, growth.max(LEAST_GROWTH));
-        let (mut information, mut vector, mut squares) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
-        // The last innovations [w x y] and their variance.
-        let (mut before, mut variance) = (SMatrix::<f64, 2, 7>::zeros(), f64::INFINITY);
-        for block in &self.blocks[self.blocks.len() - n..] {
-            let mut row = SMatrix::<f64, 2, 7>::zeros();
-            row.fixed_columns_mut::<2>(0).fill_diagonal(block.seconds);
-            row.fixed_columns_mut::<4>(2).copy_from(&block.sensitivity);
-            row.set_column(6, &block.gap_ne);
-            let shared = if block.follows { -white / variance } else { 0.0 };
-            row -= before * shared;
-            // v_k = γ_0 − γ_1²/v_{k−1}
-            variance = growth * block.seconds + white * (2.0 + shared);
-            before = row;
-            let (g, y) = (row.fixed_columns::<6>(0), row.column(6));
-            information += g.tr_mul(&g) / variance;
-            vector += g.tr_mul(&y) / variance;
-            squares += y.norm_squared() / variance;
-        }
+        let sums = WalkSums::of(self.blocks.get(self.blocks.len().checked_sub(n)?..)?, &self.noise);
         // The scale's column is the velocity.
         let speed = |b: &WitnessBlock| b.sensitivity.column(2).norm() / b.seconds;
         let speed_mps = self.newest(n).map(speed).sum::<f64>() / n as f64;
-        let mut prior = *known;
-        for (i, sigma) in WANDER.iter().enumerate() {
-            prior[(i, i)] += sigma * sigma;
-        }
-        let prior = prior.try_inverse()?;
+        let prior = wandering(known).try_inverse()?;
         let changed = Matrix4::from_diagonal(&nalgebra::Vector4::from(CHANGED).map(|s| 1.0 / (s * s)));
-        let explained = |walk_sigma: f64, x: &Matrix4<f64>| {
-            let mut whole = information;
-            for i in 0..2 {
-                whole[(i, i)] += 1.0 / (walk_sigma * walk_sigma);
-            }
-            let mut corner = whole.fixed_view_mut::<4, 4>(2, 2);
-            corner += x;
-            let solved = whole.cholesky()?.solve(&vector);
-            Some((vector.dot(&solved), solved))
-        };
-        let (nothing, _) = explained(1e-6, &prior)?;
-        let (walk, solved) = explained(WALK_SIGMA_MPS, &prior)?;
-        let (flow, _) = explained(1e-6, &changed)?;
+        let (nothing, _) = sums.explained(1e-6, &prior)?;
+        let (walk, solved) = sums.explained(WALK_SIGMA_MPS, &prior)?;
+        let (flow, _) = sums.explained(1e-6, &changed)?;
         Some(WalkFinding {
             walk_ne: Vector2::new(solved[0], solved[1]),
             by_walk: walk - nothing,
             by_flow: flow - nothing,
-            left: (squares - walk - 2.0 * n as f64).max(0.0),
+            left: (sums.squares - walk - 2.0 * n as f64).max(0.0),
             nothing,
             speed_mps,
         })
     }
+}
+
+/// A calibration of before, which may have changed since.
+fn wandering(known: &Matrix4<f64>) -> Matrix4<f64> {
+    let mut prior = *known;
+    for (i, sigma) in WANDER.iter().enumerate() {
+        prior[(i, i)] += sigma * sigma;
+    }
+    prior
 }
 
 #[cfg(test)]

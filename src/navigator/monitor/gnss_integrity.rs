@@ -465,6 +465,11 @@ impl GnssIntegrity {
         self.walked.by_ne
     }
 
+    /// Since when it tells the same, where it is frozen.
+    pub fn frozen_since(&self) -> Option<AutopilotTime> {
+        self.frozen.since()
+    }
+
     /// How far that has led the estimate, NE, m: a filter follows positions slowly, and is not wrong by all that they have walked.
     pub fn led(&self) -> Vector2<f64> {
         self.walked.led_ne

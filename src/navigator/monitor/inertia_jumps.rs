@@ -179,16 +179,18 @@ impl InertiaJumps {
     /// Another witness has told that inertia is wrong: with which odds it was each of the axes, by the likelihoods alone, where the windows show any.
     pub(in super::super) fn told(&self, windows: &[JumpWindow]) -> Option<JumpOdds> {
         let usual = &self.usual_alone;
-        let log = |square: f64, group: usize| 0.5 * square / usual[group].variance().max(1.0);
         let shown = self.shown(windows, usual, IMU_JUMPS).0.filter(|_| self.learned >= LEARNED)?;
-        let most = log(shown.likeliest.square, shown.likeliest.group);
+        // All of them explain the same innovations: one unit for all.
+        let unit = usual[shown.likeliest.group].variance().max(1.0);
+        let log = |square: f64| 0.5 * square / unit;
+        let most = log(shown.likeliest.square);
         if most < UNLIKELY {
             return None;
         }
         let mut odds = JumpOdds::default();
         for (odds, window) in odds.iter_mut().zip(windows).filter(|(_, w)| w.age_s() > YOUNGEST_S) {
-            for (jump, group) in LIKE.into_iter().filter(|(jump, _)| IMU_JUMPS.contains(jump)) {
-                odds[jump] = (log(self.square(window, jump), group) - most).exp();
+            for jump in IMU_JUMPS {
+                odds[jump] = (log(self.square(window, jump)) - most).exp();
             }
         }
         let sum: f64 = odds.iter().flatten().sum();

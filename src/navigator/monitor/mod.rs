@@ -20,6 +20,7 @@ pub(super) mod unexplained;
 pub(super) mod usual;
 pub(super) mod velocity_step;
 pub(super) mod vertical_witness;
+mod walk_fit;
 pub(super) mod witnesses;
 
 pub use gnss_integrity::{GnssFault, GnssState};

@@ -20,7 +20,8 @@ use super::usual::UsualPeak;
 use crate::navigator::tuning::velocity_step::{
     AT_ONCE, BACK, BACK_S, BORNE_OUT_S, CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_S, FIRM, HOLE_S, KNOWN,
     LEARN_S, LEARNED, LEAST_LED_M, LEAST_MPS, LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S,
-    ONCE_S, PARTED_S, PEAK, PEAK_DEVIATION, SAME_S, SAMPLES, SPACING_S, START_NOISE_MPS, WINDOW_S,
+    ONCE_S, PARTED_S, PEAK, PEAK_DEVIATION, SAME_S, SAMPLES, SPACING_S, SPARE_GAIN, START_NOISE_MPS,
+    WINDOW_S,
 };
 use crate::time::{AutopilotTime, Span};
 
@@ -139,6 +140,8 @@ pub(in super::super) struct VelocitySteps {
     look_due: Option<AutopilotTime>,
     candidate: Option<StepCandidate>,
     lie: Option<VelocityLie>,
+    /// How far another receiver does not share it, 0 to 1.
+    not_shared: f64,
     /// What may be one.
     doubt: Option<VelocityDoubt>,
     /// For how long GNSS has agreed with what carries, s.
@@ -158,6 +161,7 @@ impl VelocitySteps {
             look_due: None,
             candidate: None,
             lie: None,
+            not_shared: 0.0,
             doubt: None,
             agrees_since: None,
         }
@@ -173,9 +177,14 @@ impl VelocitySteps {
         self.lie.as_ref()
     }
 
-    /// For how long something has been in doubt, s, and the step that is, m/s.
-    pub(in super::super) fn doubted(&self, now: AutopilotTime) -> Option<(f64, f64)> {
-        self.doubt.map(|d| (now.seconds_since(d.lie.since), d.lie.step.norm()))
+    /// For how long something has been in doubt, s, and the step that is, NE, m/s.
+    pub(in super::super) fn doubted(&self, now: AutopilotTime) -> Option<(f64, Vector2<f64>)> {
+        self.doubt.map(|d| (now.seconds_since(d.lie.since), d.lie.step))
+    }
+
+    /// Whether it lies or may lie.
+    pub(in super::super) fn is_doubted(&self) -> bool {
+        self.lie.is_some() || self.doubt.is_some()
     }
 
     /// Whether it was the receiver's velocity that parted from inertia: most of what they are apart came between two fixes, and not little by little, as an IMU that
@@ -193,8 +202,12 @@ impl VelocitySteps {
 
     /// The filter's innovations show a lie, and what it did to the estimate is undone.
     pub(in super::super) fn charge(&mut self, since: AutopilotTime, step: Vector2<f64>) {
-        (self.lie, self.doubt) = (Some(VelocityLie { since, step, undone: true }), None);
-        self.agrees_since = None;
+        self.hold(Some(VelocityLie { since, step, undone: true }));
+    }
+
+    fn hold(&mut self, lie: Option<VelocityLie>) {
+        (self.lie, self.doubt) = (lie, None);
+        (self.not_shared, self.agrees_since) = (0.0, None);
     }
 
     /// They show what may be one.
@@ -205,15 +218,25 @@ impl VelocitySteps {
         }
     }
 
+    /// Another witness has seen that it is a lie, and holds it against the receiver: whoever follows it again follows it in doubt.
+    pub(in super::super) fn confirm(&mut self, now: AutopilotTime) {
+        self.doubt = self.doubt.map(|d| VelocityDoubt::of(d.lie, now, DoubtKind::Charged));
+    }
+
     /// Another witness has seen that it is no lie.
     pub(in super::super) fn clear(&mut self) {
         self.doubt = None;
     }
 
-    /// Whether another receiver with this velocity, NE, m/s, tells the same lie.
-    pub(in super::super) fn is_shared_by(&self, velocity: &Vector2<f64>) -> bool {
-        let own = self.felt.last().map(|f| f.velocity);
-        self.lie.zip(own).is_some_and(|(lie, own)| (velocity - own).norm() < BACK * lie.step.norm())
+    /// Whether another receiver, of this difference d, NE, m/s, since an epoch, tells the same lie. One fix of it is noise: that it does not has to show in the mean
+    /// of some.
+    pub(in super::super) fn is_shared_by(&mut self, difference: &Vector2<f64>, epoch: u32) -> bool {
+        let Some(lie) = self.lie else { return false };
+        let Some(own) = self.felt.last().filter(|_| epoch == self.epoch) else { return true };
+        // 0 of who tells the same, 1 of who does not.
+        let apart = (own.difference - difference).dot(&lie.step) / lie.step.norm_squared();
+        self.not_shared += SPARE_GAIN * (apart - self.not_shared);
+        self.not_shared < 1.0 - BACK
     }
 
     /// Nothing is known of this receiver any more, or nothing that could judge it.
@@ -263,9 +286,7 @@ impl VelocitySteps {
         let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
         let [old, young] = fit.steps.map(|step| Some(StepLook::of(&step?, noise, degrees)));
         if old.is_some_and(|look| self.is_borne_out(s.time, &look)) {
-            (self.lie, self.doubt) = (old.map(|look| look.begun), None);
-            self.agrees_since = None;
-            return;
+            return self.hold(old.map(|look| look.begun));
         }
         let ends = |lie: &VelocityLie| fit.steps[0].is_some_and(|step| steps_back(&step, lie));
         self.doubt = self.doubt.filter(|d| s.time < d.until && !ends(&d.lie));
@@ -487,12 +508,18 @@ mod tests {
         let mut steps = VelocitySteps::new();
         steps.felt.push(FixWithImpulse {
             time: at(0.0),
-            difference: Vector2::zeros(),
+            difference: Vector2::new(2.0, 0.0),
             velocity: Vector2::new(7.0, 0.0),
         });
-        assert!(!steps.is_shared_by(&Vector2::new(7.1, 0.0)));
-        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0), undone: false });
-        assert!(steps.is_shared_by(&Vector2::new(7.1, 0.0)) && !steps.is_shared_by(&Vector2::new(5.1, 0.0)));
+        assert!(!steps.is_shared_by(&Vector2::new(2.1, 0.0), 0));
+        let lie = VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0), undone: false };
+        steps.hold(Some(lie));
+        // One fix that is far off does not tell, the mean of several does.
+        assert!(steps.is_shared_by(&Vector2::new(0.9, 0.0), 0));
+        assert!((0..20).all(|_| steps.is_shared_by(&Vector2::new(2.1, 0.5), 0)));
+        let others = (0..10).take_while(|_| steps.is_shared_by(&Vector2::new(-0.1, -0.5), 0)).count();
+        assert!((1..5).contains(&others), "{others}");
+        assert!(steps.is_shared_by(&Vector2::new(-9.0, 0.0), 1), "not comparable");
     }
 
     /// Fixes every `every_s`, of a vehicle at rest, that part from inertia by `parted` from 5 s on.

@@ -162,6 +162,11 @@ impl GnssSource {
         (self.apart_m, self.apart_since) = (0.0, None);
     }
 
+    /// Whether it may lie with position and velocity together: nothing that testifies about it is to be learned from it.
+    pub(in super::super) fn doubts(&self) -> bool {
+        self.witness.doubts() || self.steps.is_doubted()
+    }
+
     /// Whether the two receivers are too far apart at present.
     pub(in super::super) fn disagrees(&self) -> bool {
         self.apart_m > 0.0

@@ -126,6 +126,15 @@ pub(in crate::navigator) mod frozen_fixes {
     /// So many repetitions over this long are no chance, s.
     pub(in crate::navigator) const FIXES: u32 = 2;
     pub(in crate::navigator) const FROZEN_S: f64 = 0.9;
+    /// At rest: so many that last so many times longer than it has ever held a position, and this long, s; after it was heard for so long, s.
+    pub(in crate::navigator) const HELD_FIXES: u32 = 5;
+    pub(in crate::navigator) const HELD_TIMES: f64 = 3.0;
+    pub(in crate::navigator) const HELD_S: f64 = 2.0;
+    pub(in crate::navigator) const KNOWN_S: f64 = 30.0;
+    /// It was held where the next fix is within this, m.
+    pub(in crate::navigator) const HELD_M: f64 = 2.0;
+    /// A longer silence is no time in which it was heard, s.
+    pub(in crate::navigator) const LONGEST_GAP_S: f64 = 2.5;
 }
 
 /// A receiver that comes back elsewhere than the vehicle can have gone.
@@ -183,6 +192,10 @@ pub(in crate::navigator) mod gnss_by_flow {
     pub(in crate::navigator) const MOST_MPS: f64 = 3.0;
     /// Nor is what is this part of the speed: a flow's scale and heading are not the same everywhere.
     pub(in crate::navigator) const LEAST_PART: f64 = 0.06;
+    /// What inertia suspects of a receiver is refuted or confirmed where the flow finds that so many times as likely, ln: a thousand.
+    pub(in crate::navigator) const WITNESSES: f64 = 6.9;
+    /// How far such a walk has led is known to this part.
+    pub(in crate::navigator) const CONFIRMED: f64 = 0.3;
     /// It walks no more where the short windows are within what happens once in a hundred, ln.
     pub(in crate::navigator) const RESTORED: f64 = 4.6;
 }
@@ -237,6 +250,8 @@ pub(in crate::navigator) mod velocity_step {
     pub(in crate::navigator) const BACK: f64 = 0.5;
     pub(in crate::navigator) const KNOWN: f64 = 0.25;
     pub(in crate::navigator) const BACK_S: f64 = 3.0;
+    /// How much a fix of another receiver counts of whether it shares a lie.
+    pub(in crate::navigator) const SPARE_GAIN: f64 = 0.25;
 }
 
 /// The flow as a witness against GNSS.

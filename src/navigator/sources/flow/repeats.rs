@@ -62,7 +62,11 @@ impl RepeatWatch {
     pub(super) fn note(&mut self, s: &FlowSample, scene: &RepeatScene) -> Option<AutopilotTime> {
         let p = (self.repeated + REPEATS_PRIOR) / (self.told + 2.0 * REPEATS_PRIOR);
         let noisy = self.squares[1] > self.squares[0];
-        let Some(same) = self.same.as_mut().filter(|same| same.rate_xy == s.rate_xy) else {
+        // What was told before a hole says nothing of how long it was told.
+        let goes_on = |same: &&mut SameFlow| {
+            same.rate_xy == s.rate_xy && s.time.seconds_since(same.last) < LONGEST_INTERVAL_S
+        };
+        let Some(same) = self.same.as_mut().filter(goes_on) else {
             self.end_run(scene.in_air);
             self.scatters(&Vector2::from(s.rate_xy), scene.in_air);
             let (time, rate_xy) = (s.time, s.rate_xy);
@@ -70,7 +74,7 @@ impl RepeatWatch {
             self.same = Some(SameFlow { since: time, last: time, rate_xy, run, turned, stuck: false });
             return None;
         };
-        let dt = s.time.seconds_since(same.last).clamp(0.0, LONGEST_INTERVAL_S);
+        let dt = s.time.seconds_since(same.last).max(0.0);
         same.last = s.time;
         same.turned = same.turned * (-dt / ZERO_MEMORY_S).exp() + scene.rate_xy.unwrap_or_default() * dt;
         same.run += if scene.in_air { 1.0 } else { 0.0 };
@@ -119,6 +123,18 @@ mod tests {
 
     const IN_AIR: RepeatScene = RepeatScene { rate_xy: None, noise_radps: 0.03, in_air: true };
 
+    fn sample(micros: i64, rate: f64) -> FlowSample {
+        FlowSample {
+            time: AutopilotTime::from_micros(micros),
+            sensor: 0,
+            interval: Span::from_micros(50_000),
+            rate_xy: [rate, 0.0],
+            rotation: FlowRotation::Removed,
+            quality: 1.0,
+            distance_m: None,
+        }
+    }
+
     /// Samples at 20 Hz; after how many of them the sensor was called stuck.
     fn tell(
         watch: &mut RepeatWatch,
@@ -128,15 +144,7 @@ mod tests {
     ) -> Option<u32> {
         let mut stuck = None;
         for (k, rate) in (0u32..).zip(rates) {
-            let s = FlowSample {
-                time: AutopilotTime::from_micros(i64::from(from + k) * 50_000),
-                sensor: 0,
-                interval: Span::from_micros(50_000),
-                rate_xy: [rate, 0.0],
-                rotation: FlowRotation::Removed,
-                quality: 1.0,
-                distance_m: None,
-            };
+            let s = sample(i64::from(from + k) * 50_000, rate);
             if watch.note(&s, scene).is_some() {
                 stuck = stuck.or(Some(k));
             }
@@ -190,6 +198,14 @@ mod tests {
         let moves = (0..600).map(|k| (0.02 * f64::from(k)).sin());
         assert_eq!(tell(&mut watch, 0, moves, &IN_AIR), None);
         assert_eq!(tell(&mut watch, 600, std::iter::repeat_n(0.0, 2000), &IN_AIR), None);
+    }
+
+    #[test]
+    fn two_equal_numbers_beside_a_hole_are_not_stuck() {
+        let mut watch = RepeatWatch::default();
+        assert_eq!(watch.note(&sample(0, 0.4), &IN_AIR), None);
+        assert_eq!(watch.note(&sample(2_000_000, 0.4), &IN_AIR), None);
+        assert_eq!(watch.note(&sample(2_100_000, 0.4), &IN_AIR), None);
     }
 
     #[test]
