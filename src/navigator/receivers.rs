@@ -61,7 +61,7 @@ pub(super) fn charge(
     }
 }
 
-/// A fix of the receiver in use, set against the flow.
+/// A fix of the receiver in use, set against the flow, which testifies together with inertia where that suspects the receiver.
 ///
 /// # Errors
 /// [`GnssFault::ContradictsFlow`] while position and velocity walk off together. The way back: some seconds in which they do not.

@@ -9,6 +9,9 @@
 //! has changed beyond anything that it says. Accused is the receiver where its walk explains more than is usual ([`UsualSpread`]), more than the
 //! flow's change could, and most of what there is to explain. A hover shows it at once, a straight flight only with its next turn: until
 //! then it may be the flow's scale.
+//!
+//! What inertia suspects (`velocity_step`) has a size and a beginning: the flow weighs it against no walk at all, confirms it or refutes it. What is confirmed is charged,
+//! though neither of the two would have been enough.
 
 use nalgebra::{Matrix4, Vector2};
 
@@ -137,10 +140,15 @@ impl GnssByFlow {
     /// likely that there is none, ln, in what is usual: one that goes on shows in whatever part of that time the flow has watched. `None` where it has not.
     fn weighs(&self, seconds: f64, step: &Vector2<f64>, known: Option<&Matrix4<f64>>) -> Option<f64> {
         let n = ((seconds / BLOCK_S) as usize).min(self.blocks.len());
-        let watches = self.last.is_some_and(|l| l.flow.is_some()) && n >= WINDOWS[0];
-        let blocks = self.blocks.get(self.blocks.len() - n..).filter(|_| watches)?;
+        self.weighs_over(n, step, known?).filter(|_| n >= WINDOWS[0])
+    }
+
+    /// The same over the last `n` blocks.
+    fn weighs_over(&self, n: usize, step: &Vector2<f64>, known: &Matrix4<f64>) -> Option<f64> {
+        let watches = self.last.is_some_and(|l| l.flow.is_some());
+        let blocks = self.blocks.get(self.blocks.len().checked_sub(n)?..).filter(|_| watches)?;
         let usual = self.windows.iter().map(|window| window.usual.variance()).fold(1.0, f64::max);
-        let prior = wandering(known?).try_inverse()?;
+        let prior = wandering(known).try_inverse()?;
         Some(WalkSums::of(blocks, &self.noise).against(step, &prior)? / (2.0 * usual))
     }
 
@@ -156,8 +164,8 @@ impl GnssByFlow {
         let watched_s = self.blocks.len() as f64 * BLOCK_S;
         let whole = seconds >= CLEARS_S && watched_s >= seconds.min(LONGEST_S);
         let seen = step.norm() > CLEARLY * LEAST_MPS.max(LEAST_PART * speed_mps);
-        let weighs = || self.weighs(seconds, step, known);
-        seen && whole && !self.doubts() && weighs().is_some_and(|against| against > WITNESSES)
+        let shows = seen && whole && !self.doubts();
+        shows && self.weighs(seconds, step, known).is_some_and(|against| against > WITNESSES)
     }
 
     /// Whether the flow shows that the receiver does not walk any more as it did.
@@ -313,7 +321,7 @@ impl GnssByFlow {
         } else if let Some(walk) = self.walk
             && restored
             && findings[last].is_some()
-            && self.weighs(WINDOWS[last] as f64, &walk.velocity_ne, Some(known)).is_none_or(|no| no > 0.0)
+            && self.weighs_over(WINDOWS[last], &walk.velocity_ne, known).is_none_or(|no| no > 0.0)
         {
             self.acquit();
         }
