@@ -292,6 +292,9 @@ fn print_learned(navigator: &Navigator) {
     }
     let (latency, sigma) = navigator.gnss_latency_s();
     outln!("  GNSS latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
+    if let Some((latency, sigma)) = navigator.magnetometer_latency_s() {
+        outln!("  magnetometer latency {:.0} +- {:.0} ms", 1e3 * latency, 1e3 * sigma);
+    }
 
     for (channel, health) in navigator.height_health() {
         if health != Health::Unheard {

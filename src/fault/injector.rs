@@ -18,6 +18,8 @@ use super::{FaultKind, InjectedFault, alter, gnss};
 const GUST_S: [f64; 2] = [2.0, 10.0];
 /// Samples that a late sensor may hold back.
 const HELD: usize = 4096;
+/// Who tells nothing for so long, s, is not only late.
+const HOLE_S: f64 = 2.0;
 
 /// A fault with what it has to remember.
 #[derive(Clone, Debug)]
@@ -144,7 +146,9 @@ impl Running {
             line.told = line.waiting.pop_front();
         }
         if acts {
-            line.told.map(|old| alter::told_again(&self.fault.target, &old, &sample))
+            // What was due in a hole was not heard.
+            let old = line.told.filter(|old| due.seconds_since(old.time()) < HOLE_S);
+            old.map(|old| alter::told_again(&self.fault.target, &old, &sample))
         } else {
             Some(sample)
         }

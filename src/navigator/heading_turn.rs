@@ -101,7 +101,7 @@ fn turn_heading(
 /// What a magnetometer's sample has shown: it is charged with what has contradicted it, and acquitted when it is believed again.
 pub(super) fn weigh_compass(core: &mut Core, sources: &mut SourceSet, now: AutopilotTime, source: SourceId) {
     match sources.magnetometer.contradicted() {
-        Some(_) if sources.magnetometer.takes_back(now) => judge::acquit(core, now, source),
+        Some(_) if sources.magnetometer.takes_back() => judge::acquit(core, now, source),
         Some(charge) => judge::accuse(core, now, source, charge),
         None => {}
     }

@@ -6,12 +6,11 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::altimeter::Channel;
 use crate::filter::error_state::{JumpOdds, JumpWindow};
 use crate::geo::STANDARD_GRAVITY_MPS2;
-use crate::sample::MagSample;
 use crate::time::AutopilotTime;
 
 use super::Mode;
@@ -104,16 +103,16 @@ pub(super) fn hear_barometer(core: &mut Core, now: AutopilotTime, reading: &Heig
     }
 }
 
-/// A magnetic field of a magnetometer that nothing is held against: whether it turns in the body as the gyros say.
-pub(super) fn hear_field(core: &mut Core, s: &MagSample) {
+/// A magnetic field, body, T, and when it was measured, of a magnetometer that nothing is held against: whether it turns in the body as the gyros say.
+pub(super) fn hear_field(core: &mut Core, taken: AutopilotTime, field: &Vector3<f64>) {
     if core.witnesses.inertia.is_out() || core.mode == Mode::Aligning || core.estimator.is_settling() {
         return core.witnesses.field.forget();
     }
     let bias = core.magnetic_bias();
     let timeline = &core.timeline;
-    let turned = |since| Some(timeline.mean_rate(since, s.time)? * s.time.seconds_since(since));
-    if core.witnesses.field.observe(s.time, &(s.field.raw() - bias), turned) {
-        lose(core, s.time);
+    let turned = |since| Some(timeline.mean_rate(since, taken)? * taken.seconds_since(since));
+    if core.witnesses.field.observe(taken, &(field - bias), turned) {
+        lose(core, taken);
     }
 }
 

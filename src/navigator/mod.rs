@@ -260,6 +260,11 @@ impl Navigator {
         (latency.latency_s(), latency.sigma_s())
     }
 
+    /// How late a field of the magnetometer is, s, and by how much one may be later or earlier, 1 sigma. `None` where none was heard.
+    pub fn magnetometer_latency_s(&self) -> Option<(f64, f64)> {
+        self.sources.magnetometer.latency_s()
+    }
+
     /// Whether navigation began without any fix, and no receiver has had one since.
     pub fn is_relative(&self) -> bool {
         self.core.integrity.never_good() && self.core.mode != Mode::Aligning

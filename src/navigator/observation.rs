@@ -11,8 +11,15 @@ use super::sources::status::Measured;
 /// A measurement with its model: which quantity of the state it shows, the innovation or the value, and its noise (1 sigma or covariance).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Observation {
-    /// A magnetic field, body, and the one that the place should have, T, and how its bias walks, T/√s.
-    Magnetic { field_body: Vector3<f64>, field_ned: Vector3<f64>, sigma_t: f64, walk_t: f64 },
+    /// A magnetic field, body, and the one that the place should have, T, its noise on an axis and what its latency may make of it, body, T, and how its bias
+    /// walks, T/√s.
+    Magnetic {
+        field_body: Vector3<f64>,
+        field_ned: Vector3<f64>,
+        sigma_t: f64,
+        late_t: Vector3<f64>,
+        walk_t: f64,
+    },
     /// Horizontal errors of a fix against the estimate of its time, NE, m and m/s.
     Fix {
         measured: AutopilotTime,

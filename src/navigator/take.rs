@@ -34,8 +34,11 @@ impl Navigator {
     }
 
     pub(super) fn magnetometer(&mut self, s: &MagSample) -> Verdict {
-        if s.field.raw().norm().is_normal() && self.sources.magnetometer.contradicted().is_none() {
-            inertia::hear_field(&mut self.core, s);
+        if s.field.raw().norm().is_normal()
+            && let Some(taken) = self.sources.magnetometer.hear(s, &self.core)
+            && self.sources.magnetometer.contradicted().is_none()
+        {
+            inertia::hear_field(&mut self.core, taken, &s.field.raw());
         }
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
         let source = SourceId { kind: SourceKind::Magnetometer, id: s.sensor };

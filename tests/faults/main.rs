@@ -14,3 +14,4 @@ mod by_command;
 mod gnss;
 mod height;
 mod imu;
+mod turns;

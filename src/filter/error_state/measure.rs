@@ -89,7 +89,7 @@ impl Eskf {
         self.fuse(&h, innovation, variance)
     }
 
-    /// A magnetometer vector: m = Rᵀ m_n + b_m, body, T. Fused as three scalars, all of them or none.
+    /// A magnetometer vector: m = Rᵀ m_n + b_m, body, T, with the noise of each axis, 1 sigma. Fused as three scalars, all of them or none.
     ///
     /// # Errors
     /// [`Gated`], with the first of them that fails.
@@ -97,9 +97,9 @@ impl Eskf {
         &mut self,
         body: &Vector3<f64>,
         field_ned: &Vector3<f64>,
-        sigma: f64,
+        sigma: &Vector3<f64>,
     ) -> Result<f64, Gated> {
-        let fused = self.fuse_field(body, field_ned, (sigma * MICRO).powi(2));
+        let fused = self.fuse_field(body, field_ned, &sigma.map(|sigma| (sigma * MICRO).powi(2)));
         self.jumps.measured = MeasuredScalar::Other;
         fused
     }
@@ -108,7 +108,7 @@ impl Eskf {
         &mut self,
         body: &Vector3<f64>,
         field_ned: &Vector3<f64>,
-        variance: f64,
+        variance: &Vector3<f64>,
     ) -> Result<f64, Gated> {
         let expected = self.state.expected_magnetic(field_ned);
         let field_body = expected - self.state.magnetic_bias;
@@ -116,14 +116,14 @@ impl Eskf {
         for axis in 0..3 {
             let h = magnetic_row(&field_body, axis);
             self.jumps.measured = MeasuredScalar::Magnetic(turned[axis]);
-            self.gate(&h, (body[axis] - expected[axis]) * MICRO, variance)?;
+            self.gate(&h, (body[axis] - expected[axis]) * MICRO, variance[axis])?;
         }
         let mut nis = 0.0;
         for axis in 0..3 {
             let expected = self.state.expected_magnetic(field_ned);
             let h = magnetic_row(&(expected - self.state.magnetic_bias), axis);
             self.jumps.measured = MeasuredScalar::Magnetic(turned[axis]);
-            nis += self.fuse(&h, (body[axis] - expected[axis]) * MICRO, variance)?.nis / 3.0;
+            nis += self.fuse(&h, (body[axis] - expected[axis]) * MICRO, variance[axis])?.nis / 3.0;
         }
         Ok(nis)
     }

@@ -197,7 +197,7 @@ fn the_covariance_stays_symmetric_and_positive() {
             let _ = f.fuse_position(k % 3, 0.5, 1.0, &lag);
             let _ = f.fuse_fix(&Vector2::new(0.3, -0.2), Some(&Vector2::new(0.1, 0.05)), [1.0, 0.04], &lag);
             let body = f.state().expected_magnetic(&field);
-            let _ = f.fuse_magnetic(&body, &field, 1e-6);
+            let _ = f.fuse_magnetic(&body, &field, &Vector3::repeat(1e-6));
             let (v, r) = (f.state().velocity_ned, f.state().r_body_to_ned);
             let v_xy = flow_model(&f.state().flow, &r.tr_mul(&v), DISTANCE_M);
             let seen = SeenFlow { v_xy, distance_m: DISTANCE_M, covariance: Matrix2::identity() * 0.25 };
@@ -235,7 +235,7 @@ fn an_outlier_is_gated_and_changes_nothing() {
     assert!(f.fuse_airspeed(f64::NAN, 1.0).is_err());
     let mut far = before.r_body_to_ned.tr_mul(&Vector3::new(2e-5, 1e-6, 4.5e-5));
     far.z += 1e-4;
-    assert!(f.fuse_magnetic(&far, &Vector3::new(2e-5, 1e-6, 4.5e-5), 1e-6).is_err());
+    assert!(f.fuse_magnetic(&far, &Vector3::new(2e-5, 1e-6, 4.5e-5), &Vector3::repeat(1e-6)).is_err());
     assert_eq!((*f.state(), f.p), (before, p));
 }
 

@@ -332,11 +332,11 @@ impl ErrorStateStage {
         fused: &mut Fused,
     ) {
         match observation {
-            Observation::Magnetic { field_body, field_ned, sigma_t, walk_t } => {
+            Observation::Magnetic { field_body, field_ned, sigma_t, late_t, walk_t } => {
                 if self.configured.magnetic_bias_sigma > 0.0 {
                     self.filter.set_magnetic_walk(*walk_t);
                 }
-                self.fuse_field(now, field_body, field_ned, *sigma_t, fused);
+                self.fuse_field(now, (field_body, field_ned), (*sigma_t, late_t), fused);
             }
             Observation::Fix { measured, position_error, velocity_error, sigma } => {
                 let lag = match past.velocity(*measured) {
@@ -388,21 +388,25 @@ impl ErrorStateStage {
     fn fuse_field(
         &mut self,
         now: AutopilotTime,
-        field_body: &Vector3<f64>,
-        field_ned: &Vector3<f64>,
-        sigma_t: f64,
+        (field_body, field_ned): (&Vector3<f64>, &Vector3<f64>),
+        (sigma_t, late_t): (f64, &Vector3<f64>),
         fused: &mut Fused,
     ) {
         if now < self.magnetic_due {
             return;
         }
         self.magnetic_due = now + Span::from_seconds(self.periods_s[0]);
+        let sigma = late_t.map(|late| late.hypot(sigma_t));
         if self.yaw_sigma() > WIDE_YAW
-            && self.head(field_body, field_ned, sigma_t.hypot(self.filter.magnetic_bias_sigma()))
+            && self.head(
+                field_body,
+                field_ned,
+                sigma_t.hypot(late_t.norm()).hypot(self.filter.magnetic_bias_sigma()),
+            )
         {
             return;
         }
-        let result = self.filter.fuse_magnetic(field_body, field_ned, sigma_t);
+        let result = self.filter.fuse_magnetic(field_body, field_ned, &sigma);
         fused.note(Measured::Magnetometer, result);
     }
 

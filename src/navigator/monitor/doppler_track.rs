@@ -329,14 +329,16 @@ impl DopplerTrack {
         let (d, likely) = (beyond(DELAY_DECADES), beyond(LIKELY_DECADES));
         if likely > self.wander.beyond_m {
             let late = (self.delay.variance() * change * change).min(window.turning.variance());
-            let variance = window.usual.variance() + late;
+            let variance = window.usual.variance().max(self.step.variance()) + late;
             self.wander = TrackWander { gap_ne, beyond_m: likely, spread_m: (2.0 * variance).sqrt() };
         }
         let walk_mps = LEAST_WALK_MPS * WINDOWS_S[k];
-        let limit = window.usual.limit(DECADES).sqrt().max(LEAST_WALK_M + walk_mps);
+        // What is allowed for changes of velocity hides noise from what is learned; from fix to fix they make little.
+        let usual_m = |decades: f64| window.usual.limit(decades).max(self.step.limit(decades)).sqrt();
+        let limit = usual_m(DECADES).max(LEAST_WALK_M + walk_mps);
         // Who has run away goes on with it as long as it looks like that, and not only beyond doubt.
         let goes_on = self.ran && WINDOWS_S[k] <= GOES_ON_S;
-        let on = goes_on && likely > limit.min(window.usual.limit(GOES_ON_DECADES).sqrt().max(walk_mps));
+        let on = goes_on && likely > limit.min(usual_m(GOES_ON_DECADES).max(walk_mps));
         if on || d > limit {
             return true;
         }
@@ -490,5 +492,26 @@ mod tests {
         assert_eq!(circle(0.3, false).0, None, "one that is late is no walk");
         let (found, before) = circle(0.0, true);
         assert!(found.is_some_and(|t| (300.0..340.0).contains(&t)) && before < 1.5, "{found:?} {before}");
+    }
+
+    #[test]
+    fn a_wing_whose_receiver_is_noisy_does_not_walk_off() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        for seed in 0..10 {
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            let (mut track, mut position, mut heading) = (DopplerTrack::new(), Vector2::zeros(), 0.0f64);
+            for k in 0..3000 {
+                // Legs of 25 s at 20 m/s, and turns of 20 s between them.
+                let t = 0.2 * f64::from(k);
+                heading += if t % 45.0 > 25.0 { 0.06 } else { 0.0 };
+                let v = Vector2::new(heading.cos(), heading.sin()) * 20.0;
+                position += v * 0.2;
+                let noise = Vector2::from_fn(|_, _| StandardNormal.sample(&mut rng)) * 2.0;
+                let time = AutopilotTime::from_micros(200_000 * i64::from(k));
+                let motion = track.follow(time, position + noise, v, 1.0, true);
+                assert_ne!(motion, TrackMotion::RanAway, "{seed}: {t} s");
+            }
+        }
     }
 }

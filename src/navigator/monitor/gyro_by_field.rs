@@ -114,11 +114,13 @@ impl GyroByField {
 
     fn judge(&mut self, newest: &Vector3<f64>) -> bool {
         let findings = [0, 1, 2].map(|axis| self.finding(axis));
+        // Neither fits better than to the noise of a block.
+        let rest = |f: &AxisFinding, explained: f64| (f.unusual - explained).max(self.noise);
         let wrong = |f: &AxisFinding, part: f64| {
             !SOUND.contains(&f.gain)
                 && f.turn > LEAST_TURN * LEAST_TURN
                 && f.explained > part * f.unusual
-                && f.unusual - f.by_standing > RIVAL * (f.unusual - f.explained)
+                && rest(f, f.by_standing) > RIVAL * rest(f, f.explained)
                 && 3.0 * f.explained > SIGMAS * SIGMAS * self.noise
         };
         let found = findings.iter().any(|f| wrong(f, EXPLAINS) && f.largest < ONE_BLOCK * f.unusual);
@@ -209,6 +211,15 @@ mod tests {
         assert_eq!(fly(sound, |_, _| Vector3::new(0.4, 0.1, 0.9)), None, "stuck with noise");
         assert_eq!(fly(sound, |_, b| so3::exp(&Vector3::new(0.0, 0.0, 0.6)) * b), None, "turned");
         assert_eq!(fly(sound, |_, b| b + Vector3::new(0.3, 0.2, 0.0)), None, "bias");
+        for k in 0..30 {
+            let towards = Vector3::new(
+                (0.7 * f64::from(k)).sin(),
+                (1.9 * f64::from(k)).cos(),
+                (3.1 * f64::from(k)).sin(),
+            );
+            let swamped = |t: f64, b: Vector3<f64>| b * 0.3 + towards * (0.8 + 0.3 * (0.9 * t).sin());
+            assert_eq!(fly(sound, swamped), None, "a bias larger than the field, {k}");
+        }
         assert_eq!(fly(sound, |t, b| b + Vector3::x() * 0.3 * (1.3 * t).sin()), None, "currents");
         assert_eq!(fly(|w| w + Vector3::new(0.05, 0.0, 0.05), honest), None, "a biased gyro");
     }

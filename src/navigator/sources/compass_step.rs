@@ -6,7 +6,7 @@
 //! all of the field little by little. Gyros do not step: the magnetometer is wrong. A heading that moves within that time, but not from one sample to the next, may be a gyro's: it is a step after [`SOFT_STANDS_S`], if no axis of the IMU is doubted by then. (What drifts
 //! more slowly may be either, and only motion tells.)
 //!
-//! While the vehicle turns fast its latency hides a step. So the last field before the turn is carried through it by the gyros, and compared with the first
+//! While the vehicle turns fast what is not known of its latency hides a step. So the last field before the turn is carried through it by the gyros, and compared with the first
 //! one after: what iron on the vehicle makes of another heading is learned as well, turn by turn.
 
 use nalgebra::{Matrix3, Vector3};
@@ -15,8 +15,8 @@ use crate::geo::so3;
 use crate::time::AutopilotTime;
 
 use crate::navigator::tuning::compass_step::{
-    BEFORE_S, CALM, DRIFT_RADPS, LATENCY_S, LEAST_STEP, LEAST_TURN_STEP, LONGEST_GAP_S, SHARP, SIGMAS,
-    SOFT_STANDS_S, SPREAD_S, STANDS_S, TURN_S, TURNS_S, USUAL_S,
+    BEFORE_S, CALM, DRIFT_RADPS, LEAST_STEP, LEAST_TURN_STEP, LONGEST_GAP_S, SHARP, SIGMAS, SOFT_STANDS_S,
+    SPREAD_S, STANDS_S, TURN_S, TURN_SIGMAS, TURNS_S, USUAL_S,
 };
 
 /// Past fields that are remembered.
@@ -27,8 +27,8 @@ pub(super) struct ComparedField<'a> {
     pub(super) time: AutopilotTime,
     /// Body, T.
     pub(super) field: Vector3<f64>,
-    /// How fast the vehicle turns, rad/s.
-    pub(super) rate: f64,
+    /// What its latency may make of the turn that the vehicle is in: the horizontal part of that, of the place's horizontal field, rad.
+    pub(super) late: f64,
     pub(super) r_body_to_ned: Matrix3<f64>,
     /// A step would be a fault. On the ground, where motors start, it is only learned of.
     pub(super) judged: bool,
@@ -46,15 +46,15 @@ struct PastField {
     time: AutopilotTime,
     /// As it would be measured now by the gyros, body, T.
     field: Vector3<f64>,
-    /// How fast the vehicle turned, rad/s.
-    rate: f64,
+    /// [`ComparedField::late`].
+    late: f64,
     /// The largest change from one sample to the next since, rad.
     sharpest: f64,
 }
 
 impl PastField {
     fn of(heard: &ComparedField<'_>) -> Self {
-        Self { time: heard.time, field: heard.field, rate: heard.rate, sharpest: 0.0 }
+        Self { time: heard.time, field: heard.field, late: heard.late, sharpest: 0.0 }
     }
 
     /// What the heading has changed by since, rad.
@@ -134,8 +134,8 @@ impl StepWatch {
             self.carry(&so3::exp(&-(heard.turned)(last.time)?));
         }
         self.sharpen(heard);
-        let fastest = self.past.iter().flatten().map(|past| past.rate).fold(heard.rate, f64::max);
-        let departure = self.steps(heard, dt, LATENCY_S * fastest);
+        let late = self.past.iter().flatten().map(|past| past.late).fold(heard.late, f64::max);
+        let departure = self.steps(heard, dt, late);
         self.remember(heard);
         if departure.is_some() {
             self.forget();
@@ -221,8 +221,10 @@ impl StepWatch {
         let Some(before) = self.calm.replace(here) else { return };
         let took_s = heard.time.seconds_since(before.time);
         if (TURN_S..TURNS_S).contains(&took_s) {
-            let limits = self.over_turns.limits(LEAST_TURN_STEP, DRIFT_RADPS * took_s);
-            self.compare(heard, &before, limits);
+            let [heading, field] = self.over_turns.limits(LEAST_TURN_STEP, DRIFT_RADPS * took_s);
+            // The two fields have their noise whether it turned between them or not; a turn is compared once.
+            let usual = self.within.variances.map(|variance| TURN_SIGMAS * variance.sqrt());
+            self.compare(heard, &before, [heading.max(usual[0]), field.max(usual[1])]);
             if self.stepped.is_none() {
                 self.over_turns.learn(took_s, &before, heard);
             }
@@ -268,7 +270,7 @@ mod tests {
             let heard = ComparedField {
                 time: time(t),
                 field: Vector3::new(in_body.cos(), in_body.sin(), 0.0),
-                rate: (turned(t + 0.05) - turned(t - 0.05)).abs() * 10.0,
+                late: (turned(t + 0.05) - turned(t - 0.05)).abs() * 3.0,
                 r_body_to_ned: so3::exp(&(Vector3::z() * heading)),
                 judged: true,
                 gyros_doubted: false,

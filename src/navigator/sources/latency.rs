@@ -21,8 +21,8 @@ use crate::navigator::tuning::latency::{
 use crate::time::AutopilotTime;
 
 /// An estimated latency: a scalar Kalman filter.
-#[derive(Clone, Debug)]
-struct Latency {
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Latency {
     seconds: f64,
     variance: f64,
     longest_s: f64,
@@ -30,7 +30,7 @@ struct Latency {
 
 impl Latency {
     /// A `sigma_s` of zero keeps it where it is.
-    fn new(seconds: f64, sigma_s: f64, longest_s: f64) -> Self {
+    pub(super) fn new(seconds: f64, sigma_s: f64, longest_s: f64) -> Self {
         Self { seconds, variance: sigma_s * sigma_s, longest_s: longest_s.max(seconds) }
     }
 
@@ -42,12 +42,21 @@ impl Latency {
         }
     }
 
+    /// The latency, s, and its variance, s².
+    pub(super) fn seconds(&self) -> f64 {
+        self.seconds
+    }
+
+    pub(super) fn variance(&self) -> f64 {
+        self.variance
+    }
+
     fn is_fixed(&self) -> bool {
         self.variance == 0.0
     }
 
-    /// Takes a residual (m/s) that is `slope` (m/s²) times what the latency is misjudged by (true − assumed), and noise.
-    fn observe(&mut self, residual: f64, slope: f64, noise: f64) {
+    /// Takes a residual (m/s, or rad) that is `slope` (of it a second) times what the latency is misjudged by (true − assumed), and noise.
+    pub(super) fn observe(&mut self, residual: f64, slope: f64, noise: f64) {
         // A NaN is not within the gate, either.
         let within = residual.abs() <= GATE_SIGMA * noise + GATE_S * slope.abs();
         if !within || self.is_fixed() {

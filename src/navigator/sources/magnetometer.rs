@@ -2,24 +2,27 @@
 
 use nalgebra::Vector3;
 
+use crate::geo::so3;
 use crate::sample::MagSample;
 use crate::time::{AutopilotTime, Span};
 
 use super::super::context::Context;
+use super::super::core::Core;
 use super::super::judge::Charge;
 use super::super::observation::Observation;
 use super::super::reset::Reset;
 use super::super::solution::Mode;
-use super::super::timeline::Timeline;
 use super::super::verdict::Reason;
 use super::compass_step::{ComparedField, StepWatch};
+use super::magnetic_latency::MagneticLatency;
 use super::magnetic_noise::MagneticNoise;
 use super::status::{SourceHealth, SourceId, SourceKind};
-use crate::navigator::tuning::compass_step::KNOWN_YAW;
+use crate::navigator::tuning::compass_step::{KNOWN_YAW, LONGEST_GAP_S};
 use crate::navigator::tuning::every_source::LATE_S;
+use crate::navigator::tuning::magnetic_latency::{SIGMA_S, SIGMAS};
 use crate::navigator::tuning::magnetometer::{
     AGREES, AGREES_S, DIP_LEAST_S, DIP_MEAN_S, FEELS_GRAVITY, LARGEST_DIP, STUCK_LOOK_S, STUCK_RATE, STUCK_S,
-    STUCK_TURN,
+    STUCK_TURN, STUCK_UNKNOWN_RATE,
 };
 
 const IMU: SourceId = SourceId::only(SourceKind::Imu);
@@ -28,9 +31,23 @@ const IMU: SourceId = SourceId::only(SourceKind::Imu);
 #[derive(Clone, Copy, Debug)]
 struct SameField {
     since: AutopilotTime,
+    /// When it was measured: before that by the latency.
+    taken: AutopilotTime,
     field: Vector3<f64>,
     /// While the vehicle turned: it is stuck.
     stuck: bool,
+}
+
+/// What the vehicle has turned by between two times, body, rad. A field may come before the IMU's sample of its time: what it had turned by until just before is as good.
+fn turned(core: &Core, from: AutopilotTime, to: AutopilotTime) -> Option<Vector3<f64>> {
+    let newest = core.stream.newest()?;
+    let (from, to) = (from.min(newest), to.min(newest));
+    Some(core.timeline.mean_rate(from, to)? * to.seconds_since(from))
+}
+
+/// Whether an axis of the IMU may be wrong.
+fn doubts_gyros(core: &Core) -> bool {
+    core.witnesses.jumps.suspects() || core.statuses.charge(IMU).is_some()
 }
 
 /// See the module's documentation.
@@ -47,9 +64,10 @@ pub(in super::super) struct MagnetometerSource {
     contradicted: Option<Charge>,
     /// Its heading against the gyros'.
     steps: StepWatch,
-    /// … and since when it has agreed with the heading again.
-    agrees_since: Option<AutopilotTime>,
+    /// … and for how long it has agreed with the heading again, s, by when.
+    agreed: (f64, Option<AutopilotTime>),
     noise: MagneticNoise,
+    latency: MagneticLatency,
 }
 
 impl MagnetometerSource {
@@ -63,8 +81,9 @@ impl MagnetometerSource {
             dip_heard: None,
             contradicted: None,
             steps: StepWatch::default(),
-            agrees_since: None,
+            agreed: (0.0, None),
             noise: MagneticNoise::expecting(sigma_t, walk_t),
+            latency: MagneticLatency::new(),
         }
     }
 
@@ -97,7 +116,6 @@ impl MagnetometerSource {
             return Err(Reason::OutOfOrder);
         }
         self.heard = Some(s.field.raw()).filter(|_| norm > 0.0);
-        self.learn_noise(s, context);
         let field_ned = context
             .core
             .surroundings
@@ -115,55 +133,92 @@ impl MagnetometerSource {
         if context.is_late(s.time, LATE_S) {
             return Err(Reason::Late);
         }
-        if self.is_stuck(s, context.now(), &context.core.timeline) {
+        if self.is_stuck(s, context) {
             return Err(Reason::Stuck);
         }
-        self.watch_steps(s, &field_ned, context);
-        if !self.is_believed(s, &field_ned, context) {
+        let Some(same) = self.same else { return Err(Reason::OutOfOrder) };
+        let field_body = self.carried(&same, s, context.core);
+        let late_t = self.late_t(&same, context.core);
+        let moved = context.core.attitude.r_body_to_ned * late_t;
+        // A field that is wrong scatters, too, and is to be judged nevertheless.
+        let known = (SIGMA_S / self.latency.sigma_s()).min(1.0);
+        let late = SIGMAS * known * moved.xy().norm() / field_ned.xy().norm();
+        self.watch_steps(&same, late, &field_ned, context);
+        if !self.is_believed((s.time, &field_body), late, &field_ned, context) {
             return Err(Reason::ContradictsMotion);
         }
         if self.steps.is_doubted() {
             return Err(Reason::Innovation);
         }
-        self.newest = Some((s.time, s.field.raw()));
+        self.newest = Some((s.time, field_body));
         // What the world's model and the mounting are off by is no noise, and no sample tells it.
         let (noise_t, walk_t) = self.noise.sigma();
         let sigma_t = noise_t.max(settings.sigma_t);
-        Ok(Observation::Magnetic { field_body: s.field.raw(), field_ned, sigma_t, walk_t })
+        Ok(Observation::Magnetic { field_body, field_ned, sigma_t, late_t, walk_t })
     }
 
-    /// Whatever its strength is: what is far off tells how far off the rest may be.
-    fn learn_noise(&mut self, s: &MagSample, context: &Context<'_>) {
-        if self.noise.is_due(s.time) {
-            let core = context.core;
-            let field = s.field.raw() - core.magnetic_bias();
-            self.noise.observe(
-                s.time,
-                &field,
-                // A field may come before the IMU's sample of its time: the rate of just before it is as good.
-                |since| {
-                    let newest = core.stream.newest()?;
-                    core.timeline.mean_rate(since.min(newest), s.time.min(newest))
-                },
-                core.estimator.gyro_density(),
-            );
+    /// A field that is finite, whatever becomes of it: when it was measured, and what that tells of its noise and its latency: what is far off tells how far
+    /// off the rest may be. `None` when it overtakes another.
+    pub(in super::super) fn hear(&mut self, s: &MagSample, core: &Core) -> Option<AutopilotTime> {
+        let raw = s.field.raw();
+        if self.same.is_some_and(|same| s.time < same.since) {
+            return None;
         }
+        if let Some(same) = self.same.filter(|same| same.field == raw) {
+            return Some(same.taken);
+        }
+        let late = Span::from_seconds(self.latency.latency_s());
+        // What is learned of the latency does not change the order.
+        let taken = self.same.map_or(s.time - late, |same| (s.time - late).max(same.taken));
+        self.same = Some(SameField { since: s.time, taken, field: raw, stuck: false });
+        let field = raw - core.magnetic_bias();
+        if self.contradicted.is_none() && !doubts_gyros(core) && !core.witnesses.field.suspects() {
+            self.latency.observe(s.time, &field, self.noise.sigma().0, |from, to| turned(core, from, to));
+        } else {
+            self.latency.interrupt();
+        }
+        if self.noise.is_due(taken) {
+            let rate = |since| Some(turned(core, since, taken)? / taken.seconds_since(since));
+            self.noise.observe(taken, &field, rate, core.estimator.gyro_density());
+        }
+        Some(taken)
+    }
+
+    /// The latency in force, s, and by how much a field may be later or earlier, 1 sigma. `None` where none was heard.
+    pub(in super::super) fn latency_s(&self) -> Option<(f64, f64)> {
+        self.same.map(|_| (self.latency.latency_s(), self.latency.sigma_s()))
+    }
+
+    /// The newest field as it would be measured now, body, T.
+    fn carried(&self, same: &SameField, s: &MagSample, core: &Core) -> Vector3<f64> {
+        let turn = Some(same.taken).filter(|taken| s.time.seconds_since(*taken) < STUCK_LOOK_S);
+        let turn = turn.and_then(|taken| turned(core, taken, s.time));
+        turn.map_or(same.field, |turn| so3::exp(&-turn) * same.field)
+    }
+
+    /// What its latency may be misjudged by makes of a field, body, 1 sigma, T.
+    fn late_t(&self, same: &SameField, core: &Core) -> Vector3<f64> {
+        let sigma_s = self.latency.sigma_s();
+        let now = core.attitude.angular_rate_body;
+        let then = turned(core, same.taken - Span::from_seconds(sigma_s), same.taken);
+        let then = then.map_or(now, |turn| turn / sigma_s);
+        let rate = if then.norm() > now.norm() { then } else { now };
+        rate.cross(&same.field) * sigma_s
     }
 
     /// Whether the field stands still in the body while the body turns. At rest a coarse magnetometer may tell the same for long.
-    fn is_stuck(&mut self, s: &MagSample, now: Option<AutopilotTime>, timeline: &Timeline) -> bool {
-        let Some(same) = self.same.filter(|same| same.field == s.field.raw()) else {
-            self.same = Some(SameField { since: s.time, field: s.field.raw(), stuck: false });
-            return false;
-        };
-        let now = now.map_or(s.time, |now| now.min(s.time));
+    fn is_stuck(&mut self, s: &MagSample, context: &Context<'_>) -> bool {
+        let Some(same) = &mut self.same else { return false };
+        let core = context.core;
+        let now = context.now().map_or(s.time, |now| now.min(s.time));
         let from = same.since.max(now - Span::from_seconds(STUCK_LOOK_S));
         let elapsed = now.seconds_since(from);
-        // What turns slower than this may be a gyro's bias.
-        let turned = |w: Vector3<f64>| (w.norm() - STUCK_RATE) * elapsed > STUCK_TURN;
-        let stuck = same.stuck || (elapsed > STUCK_S && timeline.mean_rate(from, now).is_some_and(turned));
-        self.same = Some(SameField { stuck, ..same });
-        stuck
+        // What turns slower than this may be a gyro's bias, which is not known before there is an estimate, nor soon after.
+        let known = core.mode != Mode::Aligning && !context.on_ground();
+        let slow = if known { STUCK_RATE } else { STUCK_UNKNOWN_RATE };
+        let turned = |w: Vector3<f64>| (w.norm() - slow) * elapsed > STUCK_TURN;
+        same.stuck |= elapsed > STUCK_S && core.timeline.mean_rate(from, now).is_some_and(turned);
+        same.stuck
     }
 
     /// Whether the field dips otherwise than Earth's does here: then something on the vehicle bends it, and the heading it shows is as wrong.
@@ -192,26 +247,26 @@ impl MagnetometerSource {
     }
 
     /// The heading of the field against the gyros', while the attitude is known.
-    fn watch_steps(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) {
+    fn watch_steps(&mut self, same: &SameField, late: f64, field_ned: &Vector3<f64>, context: &Context<'_>) {
         let core = context.core;
         let known = core.mode != Mode::Aligning
             && !core.estimator.is_settling()
             && !core.witnesses.inertia.is_doubted()
             && core.estimator.yaw_sigma().is_some_and(|sigma| sigma < KNOWN_YAW);
-        let attitude = core.timeline.attitude(s.time).unwrap_or(core.attitude.r_body_to_ned);
+        let attitude = core.timeline.attitude(same.taken).unwrap_or(core.attitude.r_body_to_ned);
         if !known || self.contradicted.is_some() {
             return self.steps.forget();
         }
         let heard = ComparedField {
-            time: s.time,
-            field: s.field.raw() - core.magnetic_bias(),
-            rate: core.attitude.angular_rate_body.norm(),
+            time: same.taken,
+            field: same.field - core.magnetic_bias(),
+            late,
             r_body_to_ned: attitude,
             // What an axis of the gyros makes of a turn is not the compass' fault.
             judged: !context.on_ground() && !core.witnesses.field.suspects(),
-            gyros_doubted: core.witnesses.jumps.suspects() || core.statuses.charge(IMU).is_some(),
+            gyros_doubted: doubts_gyros(core),
             horizontal_t: field_ned.xy().norm(),
-            turned: &|since| Some(core.timeline.mean_rate(since, s.time)? * s.time.seconds_since(since)),
+            turned: &|since| turned(core, since, same.taken),
         };
         if self.steps.observe(&heard).is_some() {
             self.contradict(Charge::ContradictsInertia);
@@ -227,25 +282,38 @@ impl MagnetometerSource {
     pub(in super::super) fn contradict(&mut self, charge: Charge) {
         self.newest = None;
         self.contradicted.get_or_insert(charge);
-        self.agrees_since = None;
+        self.agreed = (0.0, None);
     }
 
     /// Whether it is believed again: it has agreed with the heading for long enough.
-    pub(in super::super) fn takes_back(&mut self, now: AutopilotTime) -> bool {
-        let agrees = self.agrees_since.is_some_and(|since| now.seconds_since(since) > AGREES_S);
-        agrees && self.contradicted.take().is_some()
+    pub(in super::super) fn takes_back(&mut self) -> bool {
+        self.agreed.0 > AGREES_S && self.contradicted.take().is_some()
     }
 
-    /// Whether motion has not contradicted it; if it has, the field is set against the heading that motion has shown.
-    fn is_believed(&mut self, s: &MagSample, field_ned: &Vector3<f64>, context: &Context<'_>) -> bool {
+    /// Whether motion has not contradicted it; if it has, the field is set against the heading that motion has shown. What its latency may make of a turn, `late`
+    /// rad, tells nothing either way.
+    fn is_believed(
+        &mut self,
+        (time, field_body): (AutopilotTime, &Vector3<f64>),
+        late: f64,
+        field_ned: &Vector3<f64>,
+        context: &Context<'_>,
+    ) -> bool {
         if self.contradicted.is_none() {
             return true;
         }
+        let seen = context.core.attitude.r_body_to_ned * field_body;
+        let angle = (seen.x * field_ned.y - seen.y * field_ned.x).atan2(seen.xy().dot(&field_ned.xy())).abs();
         // Before there is a heading to set it against, a dip that is right has to do.
-        let judged = context.core.mode != Mode::Aligning;
-        let seen = context.core.attitude.r_body_to_ned * s.field.raw();
-        let angle = (seen.x * field_ned.y - seen.y * field_ned.x).atan2(seen.xy().dot(&field_ned.xy()));
-        self.agrees_since = self.agrees_since.or(Some(s.time)).filter(|_| !judged || angle.abs() < AGREES);
+        let agrees = angle < AGREES || context.core.mode == Mode::Aligning;
+        let (seconds, by) = self.agreed;
+        let dt = by.map_or(0.0, |by| time.seconds_since(by)).clamp(0.0, LONGEST_GAP_S);
+        let seconds = match agrees {
+            true => seconds + dt,
+            false if angle < AGREES + late => seconds,
+            false => 0.0,
+        };
+        self.agreed = (seconds, Some(time));
         false
     }
 
@@ -264,6 +332,7 @@ impl MagnetometerSource {
             self.steps = StepWatch::default();
             self.dip = (0.0, 0.0);
             self.noise.interrupt();
+            self.latency.interrupt();
         }
         if reset.sets_clock_back() {
             self.same = None;

@@ -16,6 +16,7 @@ mod held_course;
 mod inertial_noise;
 pub mod landmarks;
 mod latency;
+mod magnetic_latency;
 mod magnetic_noise;
 pub(super) mod magnetometer;
 pub(super) mod parting;

@@ -302,6 +302,28 @@ pub(in crate::navigator) mod magnetic_noise {
     pub(in crate::navigator) const MOST_WALK: f64 = 20e-6;
 }
 
+/// The magnetometer's latency.
+pub(in crate::navigator) mod magnetic_latency {
+    /// What is not known of it before the vehicle has turned, s: averages and buses of autopilots; by how much it scatters, and what turning that weighs as much
+    /// as that, rad²/s².
+    pub(in crate::navigator) const SIGMA_S: f64 = 0.1;
+    pub(in crate::navigator) const SCATTER_S: f64 = 0.03;
+    pub(in crate::navigator) const SCATTER_AFTER: f64 = 0.5;
+    /// The turning that is remembered, rad²/s², and how many times its scatter a field counts.
+    pub(in crate::navigator) const SCATTER_MEMORY: f64 = 20.0;
+    pub(in crate::navigator) const CLIPPED: f64 = 4.0;
+    /// It scatters by no less than this, s.
+    pub(in crate::navigator) const LEAST_SCATTER_S: f64 = 0.005;
+    /// No magnetometer is older than this, s.
+    pub(in crate::navigator) const LONGEST_S: f64 = 0.3;
+    /// The derivative is taken over this, s.
+    pub(in crate::navigator) const SLOPE_S: f64 = 0.04;
+    /// Only a change of the rate by which the field turns of at least this much teaches anything, rad/s.
+    pub(in crate::navigator) const LEAST_CHANGE: f64 = 0.05;
+    /// A field later than usual by more than so many sigmas is none.
+    pub(in crate::navigator) const SIGMAS: f64 = 3.0;
+}
+
 /// Landmarks.
 pub(in crate::navigator) mod landmarks {
     /// The filter is carried on in steps of this, s: at fast streams several samples at once.
@@ -385,10 +407,11 @@ pub(in crate::navigator) mod latency {
 /// Magnetometers.
 pub(in crate::navigator) mod magnetometer {
     /// A magnetometer that tells the same for this long, s (a slow one is told several times), while the vehicle has turned by this much, rad,
-    /// beyond this rate, rad/s, within so long, s, is stuck.
+    /// beyond this rate, rad/s (or that, while the gyros' bias is not known: a cheap one's after its calibration at boot), within so long, s, is stuck.
     pub(in crate::navigator) const STUCK_S: f64 = 0.3;
     pub(in crate::navigator) const STUCK_TURN: f64 = 0.03;
     pub(in crate::navigator) const STUCK_RATE: f64 = 0.02;
+    pub(in crate::navigator) const STUCK_UNKNOWN_RATE: f64 = 0.1;
     pub(in crate::navigator) const STUCK_LOOK_S: f64 = 2.0;
     /// A field that dips more or less than Earth's by this much, rad, in the mean over this long, s (and no less than that long), is bent by
     /// something on the vehicle. Before there is a filter, down is what accelerometers feel whose force is gravity's within this part.
@@ -404,11 +427,9 @@ pub(in crate::navigator) mod magnetometer {
 /// The magnetometer against the gyros.
 pub(in crate::navigator) mod compass_step {
     /// Their headings part when they are so many sigmas of what is usual from each other, and no less than this, rad: what tilt and currents make
-    /// of a sound one. A magnetometer is late by so much, s, and the rotation of a moment is known to that part; what is usual is learned where
-    /// that is less than this, rad.
+    /// of a sound one. What is usual is learned where its latency makes less than this of a turn, rad.
     pub(in crate::navigator) const SIGMAS: f64 = 5.0;
     pub(in crate::navigator) const LEAST_STEP: f64 = 0.2;
-    pub(in crate::navigator) const LATENCY_S: f64 = 0.3;
     pub(in crate::navigator) const CALM: f64 = 0.1;
     /// So much of it has to come between two samples.
     pub(in crate::navigator) const SHARP: f64 = 0.6;
@@ -423,6 +444,8 @@ pub(in crate::navigator) mod compass_step {
     pub(in crate::navigator) const TURN_S: f64 = 0.7;
     pub(in crate::navigator) const TURNS_S: f64 = 15.0;
     pub(in crate::navigator) const LEAST_TURN_STEP: f64 = 0.3;
+    /// … and than so many sigmas of what is usual within a moment.
+    pub(in crate::navigator) const TURN_SIGMAS: f64 = 4.0;
     pub(in crate::navigator) const DRIFT_RADPS: f64 = 0.01;
     /// What is usual: a spread over this long, s, known after this long, s.
     pub(in crate::navigator) const SPREAD_S: f64 = 60.0;
