@@ -289,6 +289,32 @@ fn a_disturbed_magnetometer_does_not_take_the_position_along() {
 }
 
 #[test]
+fn a_magnetic_field_that_is_overtaken_by_a_wrong_one_is_not_taken_for_it() {
+    for (vehicle, ready) in vehicles() {
+        let overtaken = |t: f64, s: &Sample, out: &mut Vec<Sample>| {
+            if let Sample::Mag(m) = s
+                && t < FAULT_S + 30.0
+            {
+                // Three times as strong, turned, and stamped a moment later.
+                let field = m.field.raw();
+                let mut wrong = *m;
+                wrong.field = Body::new(Vector3::new(-field.y, field.x, field.z) * 3.0);
+                wrong.time = m.time + Span::from_seconds(0.004);
+                out.push(Sample::Mag(wrong));
+            }
+            out.push(*s);
+        };
+        let seen = faulty(vehicle, ready, true, overtaken, same_time);
+        let statuses = seen.honest().navigator.statuses();
+        let rejected = |reason: Reason| {
+            statuses.rejected(SampleKind::Mag).filter(|(r, _)| *r == reason).map(|(_, n)| n).sum::<u64>()
+        };
+        assert!(rejected(Reason::FieldStrength) > 100, "{vehicle}: {}", rejected(Reason::FieldStrength));
+        assert!(rejected(Reason::OutOfOrder) > 100, "{vehicle}: {}", rejected(Reason::OutOfOrder));
+    }
+}
+
+#[test]
 fn a_receiver_that_comes_back_far_away_is_not_believed_at_once() {
     for (vehicle, ready) in vehicles() {
         let frame = &ready.flight.frame;

@@ -136,7 +136,10 @@ impl MagnetometerSource {
         if self.is_stuck(s, context) {
             return Err(Reason::Stuck);
         }
-        let Some(same) = self.same else { return Err(Reason::OutOfOrder) };
+        // Another one, of whatever strength, is newer.
+        let Some(same) = self.same.filter(|same| same.field == s.field.raw()) else {
+            return Err(Reason::OutOfOrder);
+        };
         let field_body = self.carried(&same, s, context.core);
         let late_t = self.late_t(&same, context.core);
         let moved = context.core.attitude.r_body_to_ned * late_t;
@@ -161,6 +164,8 @@ impl MagnetometerSource {
     /// off the rest may be. `None` when it overtakes another.
     pub(in super::super) fn hear(&mut self, s: &MagSample, core: &Core) -> Option<AutopilotTime> {
         let raw = s.field.raw();
+        // One that lies far ahead was not of this clock.
+        self.same = self.same.filter(|same| same.since.seconds_since(s.time) < STUCK_LOOK_S);
         if self.same.is_some_and(|same| s.time < same.since) {
             return None;
         }
