@@ -75,6 +75,7 @@ pub(super) fn hear_flow(
     let (was_walking, no_more) = (gnss.witness.walk().is_some(), gnss.witness.walks_no_more(known));
     let times = [reading.stamp, reading.measured];
     gnss.witness.fix(times, reading.position_ned.xy(), flow, known);
+    gnss.air.fix(times, reading.position_ned.xy(), gnss.steps.is_doubted() || gnss.witness.doubts());
     if let Some((seconds, step)) = gnss.steps.doubted(reading.measured) {
         gnss.witness.hear_inertia(seconds, &step, known);
     }
@@ -122,11 +123,14 @@ pub(super) fn hear_inertia(
         sigma: core.estimator.speed_sigma().unwrap_or(f64::INFINITY),
         position_sigma: position_sigma.unwrap_or(f64::INFINITY),
     });
-    let (witness, known) = (&sources.gnss.witness, sources.gnss.travel.covariance());
-    let speed = velocity.norm();
-    if steps.doubted(reading.measured).is_some_and(|(s, step)| witness.clears(s, &step, speed, known)) {
-        steps.clear();
-        core.witnesses.unexplained.undone();
+    let gnss = &mut sources.gnss;
+    if let Some((seconds, step)) = gnss.steps.doubted(reading.measured) {
+        let by_flow = gnss.witness.refutes(seconds, &step, velocity.norm(), gnss.travel.covariance());
+        gnss.steps.hear_witnesses(by_flow + gnss.air.refutes(seconds, &step));
+    }
+    let steps = &mut gnss.steps;
+    if steps.take_cleared() {
+        core.witnesses.unexplained.cleared();
     }
     told(steps)
 }
@@ -147,7 +151,14 @@ pub(super) fn judge_innovations(
     let found = core.witnesses.receiver.judge(now, core.estimator.jump_windows());
     let since = |lie: &ShownLie| now - Span::from_seconds(lie.age_s);
     let lie = match found {
-        None => return,
+        None => {
+            let gone =
+                |since| core.witnesses.receiver.has_vanished(now, since, core.estimator.jump_windows());
+            if gnss.steps.suspected().is_some_and(gone) {
+                gnss.steps.clear();
+            }
+            return;
+        }
         Some(ReceiverFinding::Suspected(lie)) => return gnss.steps.suspect(now, since(&lie), lie.step),
         Some(ReceiverFinding::Lies(lie)) => lie,
     };

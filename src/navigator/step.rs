@@ -10,8 +10,10 @@ use super::estimator::{CarryInput, SeekInput, StepInput, StepOutcome, Stepped};
 use super::event::{EventKind, TransitionReason, Waits};
 use super::inertia;
 use super::monitor::GnssState;
+use super::observation::Observation;
 use super::receivers;
 use super::reset::Reset;
+use super::sources::drag::DragSource;
 use super::sources::status::{SourceId, SourceKind};
 use super::stream::Heard;
 use super::timeline::MotionNow;
@@ -213,6 +215,11 @@ impl Navigator {
         let context = Context { core: &self.core, facts: *facts };
         let Some(observation) = self.sources.drag.observe(s, dt, &context) else { return };
         let core = &mut self.core;
+        if let Observation::Drag { force_xy, .. } = &observation
+            && let Some((air_ne, wind_ne)) = DragSource::through_air(force_xy, &core.estimator)
+        {
+            self.sources.gnss.air.tell(s.time, air_ne, wind_ne);
+        }
         let Some(environment) = core.surroundings.environment() else { return };
         let fused = core.estimator.fuse(s.time, &observation, &core.timeline, environment);
         self.sources.drag.fused(s.time, &fused, &core.estimator);

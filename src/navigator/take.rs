@@ -64,6 +64,9 @@ impl Navigator {
                 if let Err(reason) = air_judge::weigh(&mut self.core, &mut self.sources, &measured) {
                     return Verdict::Rejected(reason);
                 }
+                if let Some((air_ne, wind_ne)) = self.sources.airspeed.through_air(&measured, &self.core) {
+                    self.sources.gnss.air.tell(s.time, air_ne, wind_ne);
+                }
                 let now = self.core.stream.newest().unwrap_or(s.time);
                 let fused = self.fuse(now, SourceId::only(SourceKind::Airspeed), &measured.observation());
                 self.sources.airspeed.fused(s.time, &fused, &self.core)
@@ -253,9 +256,9 @@ impl Navigator {
         let (wander, unexplained) = (core.integrity.wander(), &mut core.witnesses.unexplained);
         unexplained.wanders(now, &wander.gap_ne, wander.beyond_m, reading.claimed_m);
         let gnss = &self.sources.gnss;
-        for led_ne in [gnss.steps.may_have_led(reading.measured), gnss.witness.may_have_led()] {
-            unexplained.wanders(now, &led_ne, led_ne.norm(), reading.claimed_m);
-        }
+        let walked_ne = gnss.witness.may_have_led();
+        unexplained.wanders(now, &walked_ne, walked_ne.norm(), reading.claimed_m);
+        unexplained.suspected(now, &gnss.steps.may_have_led(reading.measured), reading.claimed_m);
         // A receiver that comes back at another height is not where it says.
         let height_m = -reading.position_ned.z;
         let gate = core.settings.gnss.trust.gate_sigma;

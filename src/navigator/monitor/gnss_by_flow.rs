@@ -1,9 +1,7 @@
 //! GNSS against optical flow: does a difference of their velocities lie in the flow, or in the receiver?
 //!
-//! Over a second what the positions have moved and what the flow has travelled differ by y = w t + J x + e: w is what the receiver walks by, constant in north and east; x what the
-//! flow's calibration [b_x, b_y, s, μ] is wrong by, constant in the body and, but for the bias, in proportion to the speed; e the flow's noise, which adds up, and that
-//! of the positions at both ends, which does not: E e_k² = q t + 2 R and E e_k e_{k−1} = −R, both measured ([`NoiseAndWalk`], of the differences of what successive times have
-//! moved by, in which no constant is left). Over windows of
+//! Over a second what the positions have moved and what the flow has travelled differ by y = w t + J x + e (`witness_blocks`), where x is what the
+//! flow's calibration [b_x, b_y, s, μ] is wrong by, constant in the body and, but for the bias, in proportion to the speed. Over windows of
 //! some seconds, three hypotheses are compared by what they explain of Σ|y|²/σ² (generalised likelihood ratios, Basseville and Nikiforov
 //! 1993, section 2.4.3, with Gaussian priors): the calibration is as well known as it says; besides, the receiver walks off; or the flow
 //! has changed beyond anything that it says. Accused is the receiver where its walk explains more than is usual ([`UsualSpread`]), more than the
@@ -15,17 +13,17 @@
 
 use nalgebra::{Matrix4, Vector2};
 
-use crate::filter::NoiseAndWalk;
 use crate::time::AutopilotTime;
 
-use super::flow_travel::{FlowPlace, Recalibration};
+use super::travel_path::{Recalibration, TravelPlace};
 use super::usual::UsualSpread;
-use super::walk_fit::{WalkSums, WitnessBlock};
+use super::walk_fit::WalkSums;
+use super::witness_blocks::{BlockStep, WitnessBlock, WitnessBlocks};
 use crate::navigator::tuning::gnss_by_flow::{
-    BLOCK_S, BLOCKS, CHANGED, CLEAR_OF, CONFIRMED, DECADES, DOUBT_DECADES, FIRM, FIX_HOLE_S, GRAVE_DECADES,
-    JUMP_M, LEAST_MPS, LEAST_PART, LEAST_WALK_M, MEMORY, MOST_MPS, NOISE_MEMORY_S, NOISE_SPANS, ONSETS,
-    RESTORED, RIVAL, SPREAD, START_GROWTH, START_VARIANCE, WALK_SIGMA_MPS, WANDER, WINDOWS, WITNESSES,
+    BLOCKS, CHANGED, CLEAR_OF, CONFIRMED, DECADES, DOUBT_DECADES, FIRM, GRAVE_DECADES, LEAST_MPS, LEAST_PART,
+    LEAST_WALK_M, MEMORY, MOST_MPS, ONSETS, RESTORED, RIVAL, SPREAD, WANDER, WINDOWS,
 };
+use crate::navigator::tuning::witness_blocks::{BLOCK_S, WALK_SIGMA_MPS, WITNESSES};
 
 /// What blocks can cover, s; and a walk shows in two of the shorter windows if it does, s.
 const LONGEST_S: f64 = (BLOCKS - 1) as f64 * BLOCK_S;
@@ -42,14 +40,6 @@ pub(in super::super) struct ReceiverWalk {
     pub(in super::super) walked_ne: Vector2<f64>,
     /// As well as that is known, m.
     pub(in super::super) spread_m: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct LastFix {
-    /// As stamped, and when it was measured.
-    times: [AutopilotTime; 2],
-    position_ne: Vector2<f64>,
-    flow: Option<FlowPlace>,
 }
 
 /// One number of blocks.
@@ -90,13 +80,8 @@ struct WalkFinding {
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub(in super::super) struct GnssByFlow {
-    last: Option<LastFix>,
-    open: WitnessBlock,
-    /// Newest last.
-    blocks: Vec<WitnessBlock>,
+    blocks: WitnessBlocks,
     windows: [WitnessWindow; WINDOWS.len()],
-    /// R, m², and q, m²/s, on an axis.
-    noise: NoiseAndWalk,
     doubted: bool,
     /// How far it may have led, NE, m, while that is grave and not beyond doubt.
     may_have_led: Vector2<f64>,
@@ -109,11 +94,8 @@ impl GnssByFlow {
     pub(in super::super) fn new() -> Self {
         let window = WitnessWindow { usual: UsualSpread::expecting(SPREAD, FIRM), due: 0, pending: None };
         Self {
-            last: None,
-            open: WitnessBlock::default(),
-            blocks: Vec::with_capacity(BLOCKS),
+            blocks: WitnessBlocks::new(BLOCKS, MOST_MPS),
             windows: [window; WINDOWS.len()],
-            noise: NoiseAndWalk::expecting(START_VARIANCE, START_GROWTH, NOISE_MEMORY_S),
             doubted: false,
             may_have_led: Vector2::zeros(),
             walk: None,
@@ -139,33 +121,33 @@ impl GnssByFlow {
     /// What the flow, whose calibration is known as `known`, says of a walk by `step`, NE, m/s, that inertia suspects to have begun `seconds` ago: by how much it is more
     /// likely that there is none, ln, in what is usual: one that goes on shows in whatever part of that time the flow has watched. `None` where it has not.
     fn weighs(&self, seconds: f64, step: &Vector2<f64>, known: Option<&Matrix4<f64>>) -> Option<f64> {
-        let n = ((seconds / BLOCK_S) as usize).min(self.blocks.len());
+        let n = ((seconds / BLOCK_S) as usize).min(self.blocks.all().len());
         self.weighs_over(n, step, known?).filter(|_| n >= WINDOWS[0])
     }
 
     /// The same over the last `n` blocks.
     fn weighs_over(&self, n: usize, step: &Vector2<f64>, known: &Matrix4<f64>) -> Option<f64> {
-        let watches = self.last.is_some_and(|l| l.flow.is_some());
-        let blocks = self.blocks.get(self.blocks.len().checked_sub(n)?..).filter(|_| watches)?;
+        let blocks = self.blocks.last(n).filter(|_| self.blocks.watches())?;
         let usual = self.windows.iter().map(|window| window.usual.variance()).fold(1.0, f64::max);
         let prior = wandering(known).try_inverse()?;
-        Some(WalkSums::of(blocks, &self.noise).against(step, &prior)? / (2.0 * usual))
+        Some(WalkSums::of(blocks, &self.blocks.noise).against(step, &prior)? / (2.0 * usual))
     }
 
-    /// Whether the flow has watched from the beginning, would have shown such a walk at this speed, and has not. (Flow that is new to the walk may have learned from
-    /// it, and what its scale and heading change by on the way is in proportion to the speed.)
-    pub(in super::super) fn clears(
+    /// By how much a step that inertia suspects is more likely none, ln; 0 where the flow has not watched from its beginning, or sees a walk itself. (Flow that is new to the
+    /// walk may have learned from it. What its scale and heading change by on the way is in proportion to the speed: the less a walk would show beside that, the less
+    /// is that it does not.)
+    pub(in super::super) fn refutes(
         &self,
         seconds: f64,
         step: &Vector2<f64>,
         speed_mps: f64,
         known: Option<&Matrix4<f64>>,
-    ) -> bool {
-        let watched_s = self.blocks.len() as f64 * BLOCK_S;
+    ) -> f64 {
+        let watched_s = self.blocks.all().len() as f64 * BLOCK_S;
         let whole = seconds >= CLEARS_S && watched_s >= seconds.min(LONGEST_S);
-        let seen = step.norm() > CLEARLY * LEAST_MPS.max(LEAST_PART * speed_mps);
-        let shows = seen && whole && !self.doubts();
-        shows && self.weighs(seconds, step, known).is_some_and(|against| against > WITNESSES)
+        let shows = step.norm() / (CLEARLY * LEAST_MPS.max(LEAST_PART * speed_mps));
+        let against = self.weighs(seconds, step, known).filter(|_| whole && !self.doubts());
+        against.map_or(0.0, |against| against * (shows * shows).min(1.0))
     }
 
     /// Whether the flow shows that the receiver does not walk any more as it did.
@@ -192,18 +174,12 @@ impl GnssByFlow {
 
     /// The calibration that testifies is another: what was seen is as it would have shown it.
     pub(in super::super) fn recalibrate(&mut self, by: &Recalibration) {
-        for block in self.blocks.iter_mut().chain(std::iter::once(&mut self.open)) {
-            block.gap_ne -= block.sensitivity * by.change;
-        }
-        if let Some(last) = &mut self.last {
-            last.flow = last.flow.map(|place| place.recalibrated(by));
-        }
+        self.blocks.recalibrate(by);
     }
 
     /// What comes is not comparable with what was.
     pub(in super::super) fn interrupt(&mut self) {
-        (self.last, self.open) = (None, WitnessBlock::default());
-        self.blocks.clear();
+        self.blocks.interrupt();
         self.doubted = false;
         self.may_have_led = Vector2::zeros();
         for window in &mut self.windows {
@@ -222,67 +198,13 @@ impl GnssByFlow {
         &mut self,
         times: [AutopilotTime; 2],
         position_ne: Vector2<f64>,
-        flow: Option<FlowPlace>,
+        flow: Option<TravelPlace>,
         known: Option<&Matrix4<f64>>,
     ) {
-        let here = LastFix { times, position_ne, flow };
-        let Some(last) = self.last.replace(here) else { return };
-        // What has been learned of the latency between is no motion: the flow is that of the receiver's own time.
-        let [dt, flown_s] = [0, 1].map(|i| times[i].seconds_since(last.times[i]));
-        let pair = last.flow.zip(flow).filter(|(a, b)| a.stretch == b.stretch);
-        let Some(((a, b), known)) = pair.zip(known).filter(|_| dt > 0.0 && dt < FIX_HOLE_S && flown_s > 0.0)
-        else {
-            self.open.follows = false;
-            return;
-        };
-        let moved = position_ne - last.position_ne;
-        let travelled = (b.travelled_ne - a.travelled_ne) * (dt / flown_s);
-        if (moved - travelled).norm() > JUMP_M {
-            // A jump is none of its business, and tells nothing of a walk before and after.
-            self.open = WitnessBlock::default();
-            self.blocks.clear();
-            self.jumped = true;
-            return;
-        }
-        let open = &mut self.open;
-        open.seconds += dt;
-        open.gap_ne += moved - travelled;
-        // GNSS less flow: an error of the flow counts the other way.
-        open.sensitivity -= (b.sensitivity - a.sensitivity) * (dt / flown_s);
-        if open.seconds >= BLOCK_S {
-            let next = WitnessBlock { follows: true, ..WitnessBlock::default() };
-            let block = std::mem::replace(open, next);
-            self.close(block, known);
-        }
-    }
-
-    fn close(&mut self, block: WitnessBlock, known: &Matrix4<f64>) {
-        if block.rate().norm() > MOST_MPS {
-            // So fast walks no receiver that the filter still follows: the flow does not see the ground.
-            return self.blocks.clear();
-        }
-        if self.blocks.len() >= BLOCKS {
-            self.blocks.remove(0);
-        }
-        self.blocks.push(block);
-        self.learn_noise(block.seconds);
-        self.judge(known);
-    }
-
-    /// What n blocks have moved by less what the n before them have, squared: q t + 3 R, which [`NoiseAndWalk`] knows as 2 R′ + q t.
-    fn learn_noise(&mut self, dt: f64) {
-        for (at, n) in NOISE_SPANS.into_iter().enumerate() {
-            let span = |from: usize| -> (Vector2<f64>, f64) {
-                let blocks = self.newest(from + n).skip(from);
-                blocks.fold((Vector2::zeros(), 0.0), |(m, s), b| (m + b.gap_ne, s + b.seconds))
-            };
-            // Of two that are apart the ends' noises are not the same.
-            if self.blocks.len() < 2 * n || !self.newest(2 * n - 1).all(|b| b.follows) {
-                break;
-            }
-            let ((now, now_s), (before, before_s)) = (span(0), span(n));
-            let squared = (now - before * (now_s / before_s)).norm_squared();
-            self.noise.learn(at, dt, now_s, 0.25 * squared);
+        match (self.blocks.fix(times, position_ne, flow.filter(|_| known.is_some())), known) {
+            (BlockStep::Jumped, _) => self.jumped = true,
+            (BlockStep::Closed, Some(known)) => self.judge(known),
+            _ => {}
         }
     }
 
@@ -331,10 +253,10 @@ impl GnssByFlow {
     /// How far a finding's walk has led within its window, NE, m; and the most that the two had parted that way before, m: nobody knows whether
     /// the walk is older than what shows it best.
     fn led(&self, k: usize, f: &WalkFinding) -> (Vector2<f64>, f64) {
-        let seconds: f64 = self.newest(WINDOWS[k]).map(|b| b.seconds).sum();
+        let seconds: f64 = self.blocks.newest(WINDOWS[k]).map(|b| b.seconds).sum();
         let along = f.walk_ne.try_normalize(1e-9).unwrap_or_default();
         let (mut parted_m, mut before_m) = (0.0, 0.0f64);
-        for block in self.newest(BLOCKS).skip(WINDOWS[k]) {
+        for block in self.blocks.newest(BLOCKS).skip(WINDOWS[k]) {
             parted_m += block.gap_ne.dot(&along);
             before_m = before_m.max(parted_m);
         }
@@ -384,10 +306,6 @@ impl GnssByFlow {
         }
     }
 
-    fn newest(&self, n: usize) -> impl Iterator<Item = &WitnessBlock> {
-        self.blocks.iter().rev().take(n)
-    }
-
     /// What every window shows. The flow may have changed at any time within it, and be as it was before.
     fn findings(&self, known: &Matrix4<f64>) -> [Option<WalkFinding>; WINDOWS.len()] {
         let mut findings = [None; WINDOWS.len()];
@@ -407,10 +325,10 @@ impl GnssByFlow {
 
     /// What the last `n` blocks show.
     fn find(&self, n: usize, known: &Matrix4<f64>) -> Option<WalkFinding> {
-        let sums = WalkSums::of(self.blocks.get(self.blocks.len().checked_sub(n)?..)?, &self.noise);
+        let sums = WalkSums::of(self.blocks.last(n)?, &self.blocks.noise);
         // The scale's column is the velocity.
         let speed = |b: &WitnessBlock| b.sensitivity.column(2).norm() / b.seconds;
-        let speed_mps = self.newest(n).map(speed).sum::<f64>() / n as f64;
+        let speed_mps = self.blocks.newest(n).map(speed).sum::<f64>() / n as f64;
         let prior = wandering(known).try_inverse()?;
         let changed = Matrix4::from_diagonal(&nalgebra::Vector4::from(CHANGED).map(|s| 1.0 / (s * s)));
         let (nothing, _) = sums.explained(1e-6, &prior)?;
@@ -438,7 +356,8 @@ fn wandering(known: &Matrix4<f64>) -> Matrix4<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::flow_travel::{FlowTestimony, FlowTravel};
+    use super::super::flow_travel::FlowTravel;
+    use super::super::travel_path::TravelTestimony;
     use super::*;
     use crate::camera::{CalibrationSettings, FlowCalibration, ReferenceVelocity};
     use nalgebra::{Matrix2, Vector3};
@@ -466,7 +385,7 @@ mod tests {
             let noise = Vector2::new((31.0 * t).sin(), (43.0 * t).cos()) * 0.2;
             let seen = flow(t, body) + noise;
             let sensitivity = r_xy * FlowCalibration::jacobian(&body, HEIGHT_M);
-            travel.add(time, FlowTestimony { velocity_ne: r_xy * seen, sensitivity });
+            travel.path().add(time, TravelTestimony { velocity_ne: r_xy * seen, sensitivity });
             if k % 4 == 0 {
                 let wander = Vector2::new((5.0 * t).sin(), (7.0 * t).cos()) * 0.1;
                 witness.fix([time; 2], p + wander + lie(t), travel.at(time), Some(&known));
@@ -542,7 +461,7 @@ mod tests {
             if let Some(testifies) = travel.calibration(time, in_force, false) {
                 let told = testifies.correct(&(body * 0.92), HEIGHT_M);
                 let sensitivity = r_xy * FlowCalibration::jacobian(&body, HEIGHT_M);
-                travel.add(time, FlowTestimony { velocity_ne: r_xy * told, sensitivity });
+                travel.path().add(time, TravelTestimony { velocity_ne: r_xy * told, sensitivity });
             }
             if let Some(by) = travel.take_recalibration() {
                 witness.recalibrate(&by);

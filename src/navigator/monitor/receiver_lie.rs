@@ -12,8 +12,8 @@ use crate::time::{AutopilotTime, Span};
 
 use super::usual::UsualSpread;
 use crate::navigator::tuning::receiver_lie::{
-    CLEAR_OF, DECADES, FIRM, LASTS_S, LEARN_S, LEARNED, LEAST_MPS, LOOK_S, MEMORY, SPREAD, UNLIKELY,
-    YOUNGEST_S,
+    CLEAR_OF, DECADES, FIRM, LASTS_S, LEARN_S, LEARNED, LEAST_MPS, LOOK_S, MEMORY, SAME_S, SPREAD, STILL,
+    UNLIKELY, YOUNGEST_S,
 };
 
 /// A lie that a window shows.
@@ -103,6 +103,22 @@ impl ReceiverLies {
             return Some(ReceiverFinding::Lies(shown));
         }
         lasts(self.likely).then_some(ReceiverFinding::Suspected(shown))
+    }
+
+    /// Whether one that was suspected to have begun at `since` does not show any more in windows that reach back to then.
+    pub(in super::super) fn has_vanished(
+        &self,
+        now: AutopilotTime,
+        since: AutopilotTime,
+        windows: &[JumpWindow],
+    ) -> bool {
+        let age_s = now.seconds_since(since);
+        let whole = windows.iter().filter(|w| w.age_s() > age_s - SAME_S);
+        let best = whole.map(|window| ShownLie::by(0, window)).max_by(|a, b| a.square.total_cmp(&b.square));
+        best.is_some_and(|shown| {
+            let unit = self.usual.variance().max(1.0);
+            shown.square < STILL * 2.0 * UNLIKELY * unit || shown.square < shown.rival
+        })
     }
 
     /// What is beyond its limit again and again is usual, too, but no more than the limit at once.

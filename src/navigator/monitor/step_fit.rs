@@ -41,6 +41,8 @@ pub(super) struct VelocityStep {
 pub(super) struct FittedSteps {
     pub(super) steps: [Option<VelocityStep>; 2],
     pub(super) plain: f64,
+    /// Mean square of the acceleration that was felt, m²/s⁴.
+    pub(super) manoeuvre: f64,
 }
 
 /// Numbers that are fitted whatever happened: c and a on both axes, and a turn, a scale and a delay of what was felt.
@@ -78,7 +80,12 @@ pub(super) fn best_steps(felt: &[FixWithImpulse], now: AutopilotTime) -> Option<
             step.kink = kink;
         }
     }
-    Some(FittedSteps { steps, plain })
+    Some(FittedSteps { steps, plain, manoeuvre: manoeuvre(felt) })
+}
+
+fn manoeuvre(felt: &[FixWithImpulse]) -> f64 {
+    let squares = (0..felt.len()).map(|at| acceleration(felt, at).norm_squared()).sum::<f64>();
+    squares / felt.len().max(1) as f64
 }
 
 /// İ at a fix, from its neighbours, m/s².

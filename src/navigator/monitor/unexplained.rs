@@ -22,6 +22,9 @@ pub(in super::super) struct Unexplained {
     jumped_m: Option<f64>,
     /// When its positions were furthest from where its velocities lead, as far as that is not forgotten, and by how much, NE, m.
     wandered: Option<(AutopilotTime, Vector2<f64>)>,
+    /// How far it had led at most, NE, m, if what was suspected of it was a lie, and when; and how far it has by what is suspected now.
+    led: Option<(AutopilotTime, Vector2<f64>)>,
+    suspected: Option<(AutopilotTime, Vector2<f64>)>,
     disputed: Option<Parting>,
 }
 
@@ -60,22 +63,36 @@ impl Unexplained {
         wander_m: f64,
         sigma_m: f64,
     ) {
-        let rest_m = beyond(wander_m, sigma_m);
-        let wandered = left(self.wandered, now).norm();
-        if rest_m.is_finite() && rest_m > wandered {
-            self.wandered = Some((now, towards_ne.normalize() * rest_m));
+        further(&mut self.wandered, now, &(towards_ne.normalize() * wander_m), sigma_m);
+    }
+
+    /// A receiver that is navigated on may have led by `led_ne` m, and claims `sigma_m`, by what is known of a suspicion now, whatever was feared before; zero where there is
+    /// none: what the last one has come to stays.
+    pub(in super::super) fn suspected(&mut self, now: AutopilotTime, led_ne: &Vector2<f64>, sigma_m: f64) {
+        let led_m = led_ne.norm();
+        if led_m > 0.0 {
+            let rest_m = Some(beyond(led_m, sigma_m)).filter(|m| m.is_finite());
+            self.suspected = rest_m.map(|rest_m| (now, led_ne * (rest_m / led_m)));
+        } else if let Some((then, rest_ne)) = self.suspected.take() {
+            further(&mut self.led, then, &rest_ne, 0.0);
         }
+    }
+
+    /// What is suspected of it was no lie.
+    pub(in super::super) fn cleared(&mut self) {
+        self.suspected = None;
     }
 
     /// What it had wandered was taken back.
     pub(in super::super) fn undone(&mut self) {
-        self.wandered = None;
+        (self.wandered, self.led, self.suspected) = (None, None, None);
     }
 
     /// What it had wandered was taken back, `by_ne` m, and how far that was is known to `spread_m` m.
     pub(in super::super) fn taken_back(&mut self, now: AutopilotTime, by_ne: &Vector2<f64>, spread_m: f64) {
         let known = spread_m.is_finite() && by_ne.norm() > 0.0;
         self.wandered = known.then(|| (now, by_ne.normalize() * spread_m));
+        (self.led, self.suspected) = (None, None);
     }
 
     /// A fix that inertia parts from is `apart_ne` m from the estimate, and its velocity `velocity_mps` m/s.
@@ -112,7 +129,27 @@ impl Unexplained {
     /// Variance of a component of the horizontal position, m².
     pub(in super::super) fn variance(&self, now: Option<AutopilotTime>) -> f64 {
         let square = |rest, now| left(rest, now).norm_squared();
-        now.map_or(0.0, |now| 0.5 * (square(self.returned, now) + square(self.wandered, now)))
+        let led = |now| {
+            [self.wandered, self.led, self.suspected]
+                .into_iter()
+                .map(|rest| square(rest, now))
+                .fold(0.0, f64::max)
+        };
+        now.map_or(0.0, |now| 0.5 * (square(self.returned, now) + led(now)))
+    }
+}
+
+/// Whoever is `by_ne` m off by now, and claims `sigma_m`, has gone further than before?
+fn further(
+    then: &mut Option<(AutopilotTime, Vector2<f64>)>,
+    now: AutopilotTime,
+    by_ne: &Vector2<f64>,
+    sigma_m: f64,
+) {
+    let by_m = by_ne.norm();
+    let rest_m = beyond(by_m, sigma_m);
+    if rest_m.is_finite() && rest_m > left(*then, now).norm() {
+        *then = Some((now, by_ne * (rest_m / by_m)));
     }
 }
 
@@ -183,6 +220,27 @@ mod tests {
         assert!((3.9..4.0).contains(&sigma(&u, 3.0)), "what was less or is no number changes nothing");
         u.undone();
         assert_eq!(sigma(&u, 3.0), 0.0);
+    }
+
+    #[test]
+    fn a_suspicion_is_worth_what_is_known_of_it_now_and_leaves_that_or_nothing() {
+        let mut u = Unexplained::default();
+        let led = Vector2::new(6.0, -8.0);
+        u.suspected(at(0.0), &led, 0.0);
+        assert!((sigma(&u, 0.0) - 10.0).abs() < 1e-9);
+        // It has become less likely.
+        u.suspected(at(1.0), &(led * 0.3), 0.0);
+        assert!((sigma(&u, 1.0) - 3.0).abs() < 1e-9);
+        // It ends, and nobody knows whether it was true.
+        u.suspected(at(2.0), &Vector2::zeros(), 0.0);
+        assert!((2.9..3.0).contains(&sigma(&u, 2.0)), "{}", sigma(&u, 2.0));
+        // Another one, that was none.
+        u.suspected(at(3.0), &(led * 2.0), 0.0);
+        u.cleared();
+        u.suspected(at(4.0), &Vector2::zeros(), 0.0);
+        assert!((2.9..3.0).contains(&sigma(&u, 4.0)), "{}", sigma(&u, 4.0));
+        u.suspected(at(5.0), &Vector2::repeat(f64::NAN), 0.0);
+        assert!(sigma(&u, 5.0).is_finite());
     }
 
     #[test]

@@ -15,14 +15,16 @@
 
 use nalgebra::Vector2;
 
-use super::step_fit::{FixWithImpulse, NUISANCES, VelocityStep, best_steps};
+use super::difference_noise::DifferenceNoise;
+use super::step_fit::{FittedSteps, FixWithImpulse, NUISANCES, VelocityStep, best_steps};
 use super::usual::UsualPeak;
+use super::velocity_doubt::{DoubtKind, VelocityDoubt};
 use crate::navigator::tuning::velocity_step::{
-    AT_ONCE, BACK, BACK_S, BORNE_OUT_S, CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_S, FIRM, HOLE_S, KNOWN,
-    LEARN_S, LEARNED, LEAST_LED_M, LEAST_MPS, LEAST_NOISE_MPS, LEAVES, LOOK_S, MEMORY, NOISE_GAIN, OLDEST_S,
-    ONCE_S, PARTED_S, PEAK, PEAK_DEVIATION, SAME_S, SAMPLES, SPACING_S, SPARE_GAIN, START_NOISE_MPS,
-    WINDOW_S,
+    AT_ONCE, BACK, BACK_S, BORNE_OUT_S, CLEAR_OF, DECADES, DOUBT_DECADES, FIRM, HOLE_S, KNOWN, LEARN_S,
+    LEARNED, LEAST_LED_M, LEAST_MPS, LEAVES, LOOK_S, MEMORY, ONCE_S, PARTED_S, PEAK, PEAK_DEVIATION, SAME_S,
+    SAMPLES, SPACING_S, SPARE_GAIN, STILL, STILL_SAME_S, WINDOW_S,
 };
+use crate::navigator::tuning::witness_blocks::WITNESSES;
 use crate::time::{AutopilotTime, Span};
 
 /// What is compared at a fix, NE, m/s.
@@ -53,23 +55,10 @@ pub(in super::super) struct VelocityLie {
     pub(in super::super) undone: bool,
 }
 
-/// What may be a velocity that is a lie, and until when it may lead away.
-#[derive(Clone, Copy, Debug)]
-struct VelocityDoubt {
-    lie: VelocityLie,
-    until: AutopilotTime,
-    kind: DoubtKind,
-}
-
-/// How a doubt came about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum DoubtKind {
-    /// A step that is too young to tell it from a manoeuvre: it has to be seen again when it is older.
-    Young,
-    /// A step that is far from usual.
-    Likely,
-    /// It was beyond doubt, and nobody has disproven it.
-    Charged,
+impl VelocityLie {
+    pub(super) fn new(since: AutopilotTime, step: Vector2<f64>) -> Self {
+        Self { since, step, undone: false }
+    }
 }
 
 /// What a look at the last seconds shows: the best step, what it explains, what it leaves, and what of that is beyond the noise, as squares of sigmas.
@@ -87,7 +76,7 @@ impl StepLook {
     /// With a noise variance, (m/s)², and degrees of freedom.
     fn of(step: &VelocityStep, noise: f64, degrees: f64) -> Self {
         Self {
-            begun: VelocityLie { since: step.since, step: step.size, undone: false },
+            begun: VelocityLie::new(step.since, step.size),
             square: step.gain / noise,
             left: step.left / noise,
             unexplained: (step.left / noise - degrees).max(0.0),
@@ -129,10 +118,7 @@ pub(in super::super) struct VelocitySteps {
     /// Oldest first.
     felt: Vec<FixWithImpulse>,
     epoch: u32,
-    /// Variance of d on an axis, (m/s)².
-    noise: f64,
-    /// How often it was seen.
-    looks: u32,
+    noise: DifferenceNoise,
     /// Of steps that are old enough, and of younger ones.
     usual: [UsualStep; 2],
     learned: u32,
@@ -144,6 +130,7 @@ pub(in super::super) struct VelocitySteps {
     not_shared: f64,
     /// What may be one.
     doubt: Option<VelocityDoubt>,
+    cleared: bool,
     /// For how long GNSS has agreed with what carries, s.
     agrees_since: Option<AutopilotTime>,
 }
@@ -153,8 +140,7 @@ impl VelocitySteps {
         Self {
             felt: Vec::with_capacity(SAMPLES),
             epoch: 0,
-            noise: START_NOISE_MPS * START_NOISE_MPS,
-            looks: 0,
+            noise: DifferenceNoise::default(),
             usual: [UsualStep { peak: UsualPeak::expecting(PEAK, PEAK_DEVIATION, FIRM), pending: None }; 2],
             learned: 0,
             learn_due: None,
@@ -163,13 +149,16 @@ impl VelocitySteps {
             lie: None,
             not_shared: 0.0,
             doubt: None,
+            cleared: false,
             agrees_since: None,
         }
     }
 
-    /// How far the receiver has led away by now, if what is not beyond doubt is a lie, NE, m.
+    /// How far the receiver has led away by now, NE, m, in the root of the mean square: by the whole step with the probability that it is a lie, and else not at all.
     pub(in super::super) fn may_have_led(&self, now: AutopilotTime) -> Vector2<f64> {
-        self.doubt.map_or(Vector2::zeros(), |d| d.lie.step * now.seconds_since(d.lie.since).max(0.0))
+        self.doubt.map_or(Vector2::zeros(), |d| {
+            d.lie.step * (now.seconds_since(d.lie.since).max(0.0) * d.probability().sqrt())
+        })
     }
 
     /// What is held against the receiver.
@@ -213,7 +202,7 @@ impl VelocitySteps {
     /// They show what may be one.
     pub(in super::super) fn suspect(&mut self, now: AutopilotTime, since: AutopilotTime, step: Vector2<f64>) {
         if self.lie.is_none() && self.doubt.is_none_or(|d| d.kind == DoubtKind::Young) {
-            let lie = VelocityLie { since, step, undone: false };
+            let lie = VelocityLie::new(since, step);
             self.doubt = Some(VelocityDoubt::of(lie, now, DoubtKind::Likely));
         }
     }
@@ -223,9 +212,39 @@ impl VelocitySteps {
         self.doubt = self.doubt.map(|d| VelocityDoubt::of(d.lie, now, DoubtKind::Charged));
     }
 
-    /// Another witness has seen that it is no lie.
+    /// By how much, ln, flow and air find it more likely now that what is doubted is no lie.
+    pub(in super::super) fn hear_witnesses(&mut self, refuted: f64) {
+        if let Some(doubt) = self.doubt.as_mut().filter(|_| refuted.is_finite()) {
+            doubt.refuted = refuted;
+        }
+        if refuted > WITNESSES && self.doubt.is_some_and(|d| d.kind != DoubtKind::Charged) {
+            self.clear();
+        }
+    }
+
+    /// Another witness has seen that it is no lie: what it explained is usual.
     pub(in super::super) fn clear(&mut self) {
-        self.doubt = None;
+        if let Some(doubt) = self.doubt.take() {
+            self.came_to_nothing(&doubt);
+            self.cleared = true;
+        }
+    }
+
+    /// Whether what was doubted was found to be no lie since this was asked.
+    pub(in super::super) fn take_cleared(&mut self) -> bool {
+        std::mem::take(&mut self.cleared)
+    }
+
+    /// What the filter's innovations suspected: since when, NE, m/s.
+    pub(in super::super) fn suspected(&self) -> Option<AutopilotTime> {
+        self.doubt.filter(|d| d.kind == DoubtKind::Likely && d.look.is_none()).map(|d| d.lie.since)
+    }
+
+    fn came_to_nothing(&mut self, doubt: &VelocityDoubt) {
+        let usual = &mut self.usual[usize::from(doubt.kind == DoubtKind::Young)].peak;
+        if let Some((square, _)) = doubt.look {
+            usual.learn(square.min(usual.limit(DECADES)), MEMORY);
+        }
     }
 
     /// Whether another receiver, of this difference d, NE, m/s, since an epoch, tells the same lie. One fix of it is noise: that it does not has to show in the mean
@@ -282,14 +301,13 @@ impl VelocitySteps {
         }
         self.look_due = Some(s.time + Span::from_seconds(LOOK_S));
         let Some(fit) = best_steps(&self.felt, s.time) else { return };
-        let noise = self.noise.max(LEAST_NOISE_MPS * LEAST_NOISE_MPS);
+        let noise = self.noise.of(fit.manoeuvre);
         let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
         let [old, young] = fit.steps.map(|step| Some(StepLook::of(&step?, noise, degrees)));
         if old.is_some_and(|look| self.is_borne_out(s.time, &look)) {
             return self.hold(old.map(|look| look.begun));
         }
-        let ends = |lie: &VelocityLie| fit.steps[0].is_some_and(|step| steps_back(&step, lie));
-        self.doubt = self.doubt.filter(|d| s.time < d.until && !ends(&d.lie));
+        self.look_again(s.time, old.as_ref(), &fit);
         let suspicious = |look: Option<StepLook>, usual: &UsualStep| {
             look.filter(|look| look.exceeds(usual.peak.limit(DOUBT_DECADES)))
         };
@@ -298,10 +316,10 @@ impl VelocitySteps {
         let first = self.doubt.is_none();
         match suspects {
             [Some(look), _] if first || self.doubt.is_some_and(|d| d.kind == DoubtKind::Young) => {
-                self.doubt = Some(VelocityDoubt::of(look.begun, look.begun.since, DoubtKind::Likely));
+                self.doubt = Some(VelocityDoubt::seen(look.begun, look.square, s.time, DoubtKind::Likely));
             }
             [None, Some(look)] if first => {
-                self.doubt = Some(VelocityDoubt::of(look.begun, look.begun.since, DoubtKind::Young));
+                self.doubt = Some(VelocityDoubt::seen(look.begun, look.square, s.time, DoubtKind::Young));
             }
             _ => {}
         }
@@ -310,7 +328,28 @@ impl VelocitySteps {
         if self.doubt.is_some_and(in_sight) {
             self.usual.iter_mut().for_each(|usual| usual.pending = None);
         } else {
-            self.learn(s.time, [old, young], fit.plain / degrees);
+            self.noise.learn(fit.manoeuvre, fit.plain / degrees);
+            self.learn(s.time, [old, young]);
+        }
+    }
+
+    /// What is doubted, by what is seen of it now.
+    fn look_again(&mut self, now: AutopilotTime, old: Option<&StepLook>, fit: &FittedSteps) {
+        let ends = |lie: &VelocityLie| fit.steps[0].is_some_and(|step| steps_back(&step, lie));
+        if let (Some(doubt), Some(look)) = (&mut self.doubt, old)
+            && !look.is_none
+            && look.square > STILL * self.usual[0].peak.limit(DOUBT_DECADES)
+            && look.begun.since.seconds_since(doubt.lie.since).abs() < STILL_SAME_S
+        {
+            doubt.look = doubt.look.map(|(square, _)| (square.max(look.square), now));
+        }
+        if self.doubt.is_some_and(|d| d.has_vanished(now)) {
+            self.clear();
+        }
+        if let Some(doubt) = self.doubt.take_if(|d| now >= d.until || ends(&d.lie))
+            && now >= doubt.until
+        {
+            self.came_to_nothing(&doubt);
         }
     }
 
@@ -327,11 +366,7 @@ impl VelocitySteps {
         self.candidate.is_some_and(|c| now.seconds_since(c.seen) > BORNE_OUT_S)
     }
 
-    fn learn(&mut self, now: AutopilotTime, looks: [Option<StepLook>; 2], mean_square: f64) {
-        self.looks = self.looks.saturating_add(1);
-        let gain = NOISE_GAIN.max(1.0 / f64::from(self.looks + 1));
-        let most = 9.0 * self.noise.max(LEAST_NOISE_MPS * LEAST_NOISE_MPS);
-        self.noise += gain * (mean_square.min(most) - self.noise);
+    fn learn(&mut self, now: AutopilotTime, looks: [Option<StepLook>; 2]) {
         if self.learn_due.is_none_or(|due| now >= due) {
             self.learn_due = Some(now + Span::from_seconds(LEARN_S));
             self.learned = self.learned.saturating_add(1);
@@ -363,13 +398,6 @@ impl VelocitySteps {
         if let Some(lie) = self.lie.take() {
             self.doubt = Some(VelocityDoubt::of(lie, now, DoubtKind::Charged));
         }
-    }
-}
-
-impl VelocityDoubt {
-    fn of(lie: VelocityLie, from: AutopilotTime, kind: DoubtKind) -> Self {
-        let for_s = if kind == DoubtKind::Young { OLDEST_S } else { DOUBT_S };
-        Self { lie, until: from + Span::from_seconds(for_s), kind }
     }
 }
 
@@ -467,10 +495,24 @@ mod tests {
         assert_eq!(fly(|_| 0.0, |t| 0.8 * (t - 100.0).max(0.0)), None);
     }
 
+    #[test]
+    fn what_others_refute_leads_nowhere() {
+        let mut steps = VelocitySteps::new();
+        steps.suspect(at(10.0), at(8.0), Vector2::new(1.0, 0.0));
+        let alone = steps.may_have_led(at(18.0)).norm();
+        steps.hear_witnesses(4.0);
+        let doubtful = steps.may_have_led(at(18.0)).norm();
+        assert!(alone > 9.0 && doubtful < 0.5 * alone, "{alone} {doubtful}");
+        steps.hear_witnesses(f64::NAN);
+        assert!(steps.may_have_led(at(18.0)).norm() > 0.0 && !steps.take_cleared());
+        steps.hear_witnesses(8.0);
+        assert!(!steps.is_doubted() && steps.take_cleared() && !steps.take_cleared());
+    }
+
     /// A lie of 2 m/s since 0 s, at 30 s and `after_s` later.
     fn let_go(after_s: f64, position_sigma: f64) -> VelocitySteps {
         let mut steps = VelocitySteps::new();
-        steps.lie = Some(VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0), undone: false });
+        steps.lie = Some(VelocityLie::new(at(0.0), Vector2::new(2.0, 0.0)));
         for t in [30.0, 30.0 + after_s] {
             let (velocity, impulse) = (Vector2::new(2.0, 0.0), Vector2::zeros());
             let (epoch, judged, error, sigma) = (0, false, None, f64::INFINITY);
@@ -512,7 +554,7 @@ mod tests {
             velocity: Vector2::new(7.0, 0.0),
         });
         assert!(!steps.is_shared_by(&Vector2::new(2.1, 0.0), 0));
-        let lie = VelocityLie { since: at(0.0), step: Vector2::new(2.0, 0.0), undone: false };
+        let lie = VelocityLie::new(at(0.0), Vector2::new(2.0, 0.0));
         steps.hold(Some(lie));
         // One fix that is far off does not tell, the mean of several does.
         assert!(steps.is_shared_by(&Vector2::new(0.9, 0.0), 0));

@@ -3,28 +3,11 @@
 //! Least squares is of e made white by the innovations algorithm (Brockwell and Davis 1991, *Time Series: Theory and Methods*, section 5.2): E e_k² = q t + 2 R and
 //! E e_k e_{k−1} = −R of blocks that follow each other.
 
-use nalgebra::{Matrix2x4, Matrix4, Matrix6, SMatrix, Vector2, Vector6};
+use nalgebra::{Matrix4, Matrix6, SMatrix, Vector2, Vector6};
 
+use super::witness_blocks::WitnessBlock;
 use crate::filter::NoiseAndWalk;
-use crate::navigator::tuning::gnss_by_flow::LEAST_GROWTH;
-
-/// A second of both.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct WitnessBlock {
-    pub(super) seconds: f64,
-    /// What GNSS moved by more than the flow, NE, m.
-    pub(super) gap_ne: Vector2<f64>,
-    pub(super) sensitivity: Matrix2x4<f64>,
-    /// It begins where the one before has ended.
-    pub(super) follows: bool,
-}
-
-impl WitnessBlock {
-    /// y, m/s.
-    pub(super) fn rate(&self) -> Vector2<f64> {
-        self.gap_ne / self.seconds
-    }
-}
+use crate::navigator::tuning::witness_blocks::LEAST_GROWTH;
 
 /// Information about [w x], A and b with A [w x] = b, and Σ|y|²/σ².
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +27,7 @@ impl WalkSums {
         let (mut before, mut variance) = (SMatrix::<f64, 2, 7>::zeros(), f64::INFINITY);
         for block in blocks {
             let mut row = SMatrix::<f64, 2, 7>::zeros();
-            row.fixed_columns_mut::<2>(0).fill_diagonal(block.seconds);
+            row.fixed_columns_mut::<2>(0).fill_diagonal(block.walked_s);
             row.fixed_columns_mut::<4>(2).copy_from(&block.sensitivity);
             row.set_column(6, &block.gap_ne);
             let shared = if block.follows { -white / variance } else { 0.0 };
@@ -87,6 +70,7 @@ impl WalkSums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Matrix2x4;
 
     /// Seconds of a vehicle at `speed` to the north, of a receiver that walks by `walk`.
     fn sums(speed: f64, walk: Vector2<f64>) -> WalkSums {
@@ -96,7 +80,8 @@ mod tests {
             let mut sensitivity = Matrix2x4::zeros();
             sensitivity.set_column(2, &Vector2::new(speed, 0.0));
             sensitivity.set_column(3, &Vector2::new(0.0, speed));
-            blocks.push(WitnessBlock { seconds: 1.0, gap_ne: walk + noise, sensitivity, follows: k > 0 });
+            let gap_ne = walk + noise;
+            blocks.push(WitnessBlock { seconds: 1.0, walked_s: 1.0, gap_ne, sensitivity, follows: k > 0 });
         }
         WalkSums::of(&blocks, &NoiseAndWalk::expecting(0.1, 0.05, 60.0))
     }

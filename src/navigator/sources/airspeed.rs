@@ -3,7 +3,7 @@
 //! With GNSS the filter learns the wind and the airspeed's scale in turns; without, airspeed and heading less the wind are a velocity
 //! whose error grows as slowly as the wind changes.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use crate::geo::atmosphere::true_airspeed_factor;
 use crate::sample::{Airframe, AirspeedSample};
@@ -127,6 +127,19 @@ impl AirspeedSource {
             sideslip_sigma_rad,
             nose_first,
         })
+    }
+
+    /// The velocity through the air, NE, m/s, and the wind, by an airspeed along the nose: nothing of it is by way of GNSS.
+    pub(in super::super) fn through_air(
+        &self,
+        m: &MeasuredAirspeed,
+        core: &Core,
+    ) -> Option<(Vector2<f64>, Vector2<f64>)> {
+        let state = core.estimator.filter_state().filter(|_| m.nose_first)?;
+        let nose_ne = state.r_body_to_ned.column(0).xy().try_normalize(0.1)?;
+        let climb_mps = core.height.climb_mps();
+        let level_mps = (m.speed_mps * m.speed_mps - climb_mps * climb_mps).max(0.0).sqrt();
+        Some((nose_ne * level_mps, state.wind_ne))
     }
 
     /// Weighs what it tells against what the filter expects, while the vehicle flies.

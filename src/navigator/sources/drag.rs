@@ -175,6 +175,19 @@ impl DragSource {
         Some(Observation::Drag { force_xy, air_body, sigma_mps2 })
     }
 
+    /// The velocity through the air, NE, m/s, and the wind, by a mean force along body x and y, m/s²: nothing of it is by way of GNSS. `None` where the drag is not known.
+    pub(in super::super) fn through_air(
+        force_xy: &Vector2<f64>,
+        estimator: &EstimatorStack,
+    ) -> Option<(Vector2<f64>, Vector2<f64>)> {
+        let (state, sigma) = estimator.filter_state().zip(estimator.drag_sigma())?;
+        is_known(state.drag, sigma).then(|| {
+            let air_xy = (state.accel_bias.xy() - force_xy) / state.drag;
+            let air_ned = state.r_body_to_ned * Vector3::new(air_xy.x, air_xy.y, 0.0);
+            (air_ned.xy(), state.wind_ne)
+        })
+    }
+
     /// What became of an observation.
     pub(in super::super) fn fused(&mut self, now: AutopilotTime, fused: &Fused, estimator: &EstimatorStack) {
         if !fused.taken() {

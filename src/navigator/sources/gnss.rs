@@ -9,20 +9,20 @@ use crate::time::{AutopilotTime, Span};
 use super::super::context::Context;
 use super::super::memory::ReceiverMemory;
 use super::super::monitor::flow_travel::FlowTravel;
+use super::super::monitor::gnss_by_air::GnssByAir;
 use super::super::monitor::gnss_by_flow::GnssByFlow;
 use super::super::monitor::gnss_integrity::{FixInnovation, GnssFault, GnssIntegrity};
-use super::super::monitor::usual::UsualSpread;
 use super::super::monitor::velocity_step::VelocitySteps;
 use super::super::reset::Reset;
 use super::super::settings::GnssSettings;
 use super::super::solution::VelocitySource;
 use super::super::timeline::CORRECTED_S;
+use super::agreement::Agreement;
 use super::held_course::HeldCourse;
 use super::inertial_noise::InertialNoise;
 use super::latency::LatencyEstimator;
 use crate::navigator::tuning::gnss::{
-    AGREE_DECADES, AGREE_EVERY_S, AGREE_FIRM, AGREE_FOR_S, AGREE_M, AGREE_MEMORY, AGREE_SIGMA, CLAIM_GAIN,
-    DOUBTFUL_MPS, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
+    CLAIM_GAIN, DOUBTFUL_MPS, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
     VERTICAL_RATIO,
 };
 
@@ -56,12 +56,9 @@ pub(in super::super) struct GnssSource {
     pub(in super::super) spare: GnssIntegrity,
     /// Where the last fix lay from the estimate, NE, m.
     error: Option<(AutopilotTime, Vector2<f64>)>,
-    /// How far the two are apart as a rule, and when that is looked at again.
-    agreement: UsualSpread,
-    agreement_due: Option<AutopilotTime>,
-    /// How far, while that is too far, m.
-    apart_m: f64,
-    apart_since: Option<AutopilotTime>,
+    agreement: Agreement,
+    /// The air's word on it.
+    pub(in super::super) air: GnssByAir,
     /// What of the velocities is none.
     course: HeldCourse,
 }
@@ -115,17 +112,15 @@ impl GnssSource {
             steps: VelocitySteps::new(),
             spare: GnssIntegrity::new(settings.trust),
             error: None,
-            agreement: UsualSpread::expecting(AGREE_M * AGREE_M, AGREE_FIRM),
-            agreement_due: None,
-            apart_m: 0.0,
-            apart_since: None,
+            agreement: Agreement::new(),
+            air: GnssByAir::new(),
             course: HeldCourse::default(),
         }
     }
 
     /// Horizontal standard deviation, m.
     pub(super) fn sigma_m(&self) -> f64 {
-        self.sigma_m.hypot(0.5 * self.apart_m)
+        self.sigma_m.hypot(0.5 * self.agreement.apart_m())
     }
 
     /// The receiver that is listened to.
@@ -159,7 +154,8 @@ impl GnssSource {
         self.witness.acquit();
         self.steps.forget();
         self.error = None;
-        (self.apart_m, self.apart_since) = (0.0, None);
+        self.agreement.end();
+        self.air.interrupt();
     }
 
     /// Whether it may lie with position and velocity together: nothing that testifies about it is to be learned from it.
@@ -169,7 +165,7 @@ impl GnssSource {
 
     /// Whether the two receivers are too far apart at present.
     pub(in super::super) fn disagrees(&self) -> bool {
-        self.apart_m > 0.0
+        self.agreement.apart_m() > 0.0
     }
 
     /// Whether a fix of the other receiver and the last of this one are further apart than is usual; `None` where they cannot be compared.
@@ -180,20 +176,7 @@ impl GnssSource {
             return None;
         }
         let apart_m = (spare.position_error - error).norm();
-        let claimed = self.sigma_m.hypot(spare.claimed_m);
-        let limit = self.agreement.limit(AGREE_DECADES).sqrt().max(AGREE_SIGMA * claimed);
-        let disagree = apart_m > limit * if self.apart_m > 0.0 { 0.5 } else { 1.0 };
-        self.apart_m = if disagree { apart_m } else { 0.0 };
-        let since = disagree.then(|| self.apart_since.unwrap_or(spare.measured));
-        self.apart_since = since;
-        if since.is_some_and(|t| spare.measured.seconds_since(t) < AGREE_FOR_S) {
-            return None;
-        }
-        if !disagree && self.agreement_due.is_none_or(|due| spare.measured >= due) {
-            self.agreement.learn(apart_m * apart_m, AGREE_MEMORY);
-            self.agreement_due = Some(spare.measured + Span::from_seconds(AGREE_EVERY_S));
-        }
-        Some(disagree)
+        self.agreement.compare(spare.measured, apart_m, self.sigma_m.hypot(spare.claimed_m))
     }
 
     /// It had a fix.
@@ -295,6 +278,7 @@ impl GnssSource {
         self.spare.reset(reset);
         self.witness.interrupt();
         self.travel.interrupt();
+        self.air.interrupt();
         self.error = None;
         if reset.sets_clock_back() {
             self.heard = None;

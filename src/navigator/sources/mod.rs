@@ -3,6 +3,7 @@
 //! A source turns a sample into an observation, or into a reason why not. It reads the `Context`; it never touches the
 //! estimator. To add one: a file here, an arm in `SourceKind`, and a line where its samples come in.
 
+mod agreement;
 pub mod airspeed;
 mod airspeed_refit;
 mod airspeed_watch;

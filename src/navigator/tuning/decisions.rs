@@ -149,29 +149,16 @@ pub(in crate::navigator) mod unexplained {
 
 /// The flow's word on GNSS.
 pub(in crate::navigator) mod gnss_by_flow {
-    /// The two are compared by blocks of this, s; so many are kept; windows of so many are looked at.
-    pub(in crate::navigator) const BLOCK_S: f64 = 0.95;
+    /// So many blocks are kept; windows of so many are looked at.
     pub(in crate::navigator) const BLOCKS: usize = 32;
     pub(in crate::navigator) const WINDOWS: [usize; 4] = [4, 8, 16, 32];
     /// The flow may have changed so many blocks ago.
     pub(in crate::navigator) const ONSETS: [usize; 16] =
         [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32];
-    /// Fixes further apart are not compared, s.
-    pub(in crate::navigator) const FIX_HOLE_S: f64 = 2.5;
-    /// Between two of them no walk goes so far, m.
-    pub(in crate::navigator) const JUMP_M: f64 = 3.0;
-    /// Noise of a position, m², and its growth, m²/s, before they were seen; the least growth; how long what was seen counts, s; and over so many blocks each it is seen.
-    pub(in crate::navigator) const START_VARIANCE: f64 = 0.1;
-    pub(in crate::navigator) const START_GROWTH: f64 = 0.05;
-    pub(in crate::navigator) const LEAST_GROWTH: f64 = 0.01;
-    pub(in crate::navigator) const NOISE_MEMORY_S: f64 = 60.0;
-    pub(in crate::navigator) const NOISE_SPANS: [usize; 3] = [1, 2, 4];
     /// What a calibration that is known changes by in a minute, 1 sigma: bias, rad/s, scale and misalignment (terrain, height, heading).
     pub(in crate::navigator) const WANDER: [f64; 4] = [0.0015, 0.0015, 0.02, 0.02];
     /// And what a sensor that fails may do: its scale and direction may be anything, its bias is of the optics.
     pub(in crate::navigator) const CHANGED: [f64; 4] = [0.004, 0.004, 1.0, 0.5];
-    /// A receiver that walks off does so with some metres a second.
-    pub(in crate::navigator) const WALK_SIGMA_MPS: f64 = 5.0;
     /// Normalised squares an axis before they were seen (1 for white noise), how firmly, and how many windows count.
     pub(in crate::navigator) const SPREAD: f64 = 1.5;
     pub(in crate::navigator) const FIRM: f64 = 20.0;
@@ -192,8 +179,6 @@ pub(in crate::navigator) mod gnss_by_flow {
     pub(in crate::navigator) const MOST_MPS: f64 = 3.0;
     /// Nor is what is this part of the speed: a flow's scale and heading are not the same everywhere.
     pub(in crate::navigator) const LEAST_PART: f64 = 0.06;
-    /// What inertia suspects of a receiver is refuted or confirmed where the flow finds that so many times as likely, ln: a thousand.
-    pub(in crate::navigator) const WITNESSES: f64 = 6.9;
     /// How far such a walk has led is known to this part.
     pub(in crate::navigator) const CONFIRMED: f64 = 0.3;
     /// It walks no more where the short windows are within what happens once in a hundred, ln.
@@ -218,6 +203,10 @@ pub(in crate::navigator) mod velocity_step {
     pub(in crate::navigator) const START_NOISE_MPS: f64 = 0.3;
     pub(in crate::navigator) const LEAST_NOISE_MPS: f64 = 0.03;
     pub(in crate::navigator) const NOISE_GAIN: f64 = 0.02;
+    /// Jitter of the receiver's time before it was seen, s, how firmly both were, in windows, and how many windows count.
+    pub(in crate::navigator) const START_JITTER_S: f64 = 0.02;
+    pub(in crate::navigator) const NOISE_FIRM: f64 = 4.0;
+    pub(in crate::navigator) const NOISE_MEMORY: f64 = 500.0;
     /// What the best of all steps explains, as a square of sigmas, and its deviation, before they were seen (of white noise alone: 7 ± 3), how firmly, how many
     /// count, one in so long, s, and how many have to be seen before anybody is accused.
     pub(in crate::navigator) const PEAK: f64 = 8.0;
@@ -233,6 +222,12 @@ pub(in crate::navigator) mod velocity_step {
     /// It may be one beyond what would happen once in 10^3.5, and for so long it may lead away, s.
     pub(in crate::navigator) const DOUBT_DECADES: f64 = 3.5;
     pub(in crate::navigator) const DOUBT_S: f64 = 60.0;
+    /// That it is a lie is so many times as likely as not, where nobody but inertia says anything of it.
+    pub(in crate::navigator) const ODDS: f64 = 10.0;
+    /// It is still seen where a step within so long of it, s, explains this part of that; and has vanished where that was last so long, s, before it became too old to be seen.
+    pub(in crate::navigator) const STILL: f64 = 0.5;
+    pub(in crate::navigator) const STILL_SAME_S: f64 = 1.0;
+    pub(in crate::navigator) const VANISHED_S: f64 = 1.0;
     /// … and leaves no more than this part of what it explains: manoeuvres that are sampled badly leave more.
     pub(in crate::navigator) const LEAVES: f64 = 0.33;
     /// It is the same for so long, s, to this, s.
@@ -262,8 +257,51 @@ pub(in crate::navigator) mod flow_travel {
     pub(in crate::navigator) const NO_WALK_MPS: f64 = 2.0;
     /// A longer silence of the flow is a hole, s.
     pub(in crate::navigator) const HOLE_S: f64 = 0.5;
-    /// So many flow velocities are remembered: 1.5 s at 75 Hz.
+}
+
+/// How far a witness says that the vehicle has travelled.
+pub(in crate::navigator) mod travel_path {
+    /// So many velocities are remembered: 1.5 s at 75 Hz.
     pub(in crate::navigator) const REMEMBERED: usize = 128;
+}
+
+/// A receiver against such a witness, in blocks of time.
+pub(in crate::navigator) mod witness_blocks {
+    /// Both are compared by blocks of this, s.
+    pub(in crate::navigator) const BLOCK_S: f64 = 0.95;
+    /// Fixes further apart are not compared, s.
+    pub(in crate::navigator) const FIX_HOLE_S: f64 = 2.5;
+    /// Between two of them no walk goes so far, m.
+    pub(in crate::navigator) const JUMP_M: f64 = 3.0;
+    /// Noise of a position, m², and its growth, m²/s, before they were seen; the least growth; how long what was seen counts, s; and over so many blocks each it is seen.
+    pub(in crate::navigator) const START_VARIANCE: f64 = 0.1;
+    pub(in crate::navigator) const START_GROWTH: f64 = 0.05;
+    pub(in crate::navigator) const LEAST_GROWTH: f64 = 0.01;
+    pub(in crate::navigator) const NOISE_MEMORY_S: f64 = 60.0;
+    pub(in crate::navigator) const NOISE_SPANS: [usize; 3] = [1, 2, 4];
+    /// A receiver that walks off does so with some metres a second.
+    pub(in crate::navigator) const WALK_SIGMA_MPS: f64 = 5.0;
+    /// What inertia suspects of a receiver is refuted or confirmed where witnesses find that so many times as likely, ln: a thousand.
+    pub(in crate::navigator) const WITNESSES: f64 = 6.9;
+}
+
+/// The air as a witness against GNSS.
+pub(in crate::navigator) mod gnss_by_air {
+    /// A longer silence of the air is a hole, s: airspeeds come at some hertz, and some of them cannot be used.
+    pub(in crate::navigator) const HOLE_S: f64 = 1.6;
+    /// So many blocks are kept, and so many before and after an onset at most, and at least, are looked at.
+    pub(in crate::navigator) const BLOCKS: usize = 80;
+    pub(in crate::navigator) const SIDE: usize = 16;
+    pub(in crate::navigator) const LEAST_SIDE: usize = 8;
+    /// What the wind may be wrong by, m/s, an airspeed or a drag by scale, and its direction, rad.
+    pub(in crate::navigator) const WIND_MPS: f64 = 20.0;
+    pub(in crate::navigator) const SCALE: f64 = 0.1;
+    pub(in crate::navigator) const TURN: f64 = 0.1;
+    /// Normalised squares an axis before they were seen (1 for white noise), how firmly, how many windows count, and beyond what part of them, decades, none is usual.
+    pub(in crate::navigator) const SPREAD: f64 = 3.0;
+    pub(in crate::navigator) const FIRM: f64 = 6.0;
+    pub(in crate::navigator) const MEMORY: f64 = 40.0;
+    pub(in crate::navigator) const CLIPPED_DECADES: f64 = 5.0;
 }
 
 /// Motion as a witness of the heading.
@@ -391,6 +429,9 @@ pub(in crate::navigator) mod receiver_lie {
     };
     /// It has to last for this long, s.
     pub(in crate::navigator) const LASTS_S: f64 = 1.0;
+    /// A window that reaches back to where it began, to this, s, has to explain this part of what made it likely.
+    pub(in crate::navigator) const STILL: f64 = 0.5;
+    pub(in crate::navigator) const SAME_S: f64 = 0.3;
     /// A flow is heard while its newest velocity is no older than this, s.
     pub(in crate::navigator) const CARRIED_S: f64 = 1.0;
     /// Slower it harms nobody soon, m/s.

@@ -19,8 +19,9 @@ use super::super::context::Context;
 use super::super::core::Core;
 use super::super::event::EventKind;
 use super::super::memory::FlowMemory;
-use super::super::monitor::flow_travel::{FlowTestimony, FlowTravel};
+use super::super::monitor::flow_travel::FlowTravel;
 use super::super::monitor::outage::CarriedBy;
+use super::super::monitor::travel_path::TravelTestimony;
 use super::super::observation::Observation;
 use super::super::reset::Reset;
 use super::super::settings::{Estimator, FlowBiasSource, FlowSettings};
@@ -452,9 +453,9 @@ impl FlowSource {
         let v_true = v_gnss.unwrap_or(v_xy);
         let r_xy = m.r_body_to_ned.fixed_view::<2, 2>(0, 0);
         let velocity_ned = m.r_body_to_ned * m.in_body(&v_xy, core.height.climb_mps());
-        travel.add(
+        travel.path().add(
             m.time,
-            FlowTestimony {
+            TravelTestimony {
                 velocity_ne: velocity_ned.xy(),
                 sensitivity: r_xy * FlowCalibration::jacobian(&v_true, m.distance_m),
             },
