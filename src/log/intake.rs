@@ -13,6 +13,8 @@ use crate::wire::clock::AutopilotClock;
 use crate::wire::counters::{Cause, Counters};
 use crate::wire::decode::limits;
 
+use super::waiting::WaitingMessage;
+
 /// Inertial units, magnetometers and airspeed sensors that are told apart.
 pub(super) const MOST_SENSORS: usize = 8;
 /// A better sensor that is silent for longer is replaced by the next.
@@ -31,6 +33,10 @@ pub(super) struct Intake {
     pub(super) airspeed: Ranked,
     status: Option<VehicleStatus>,
     fixes: [Option<GnssSample>; 2],
+    /// The last stamp has made the clock jump.
+    jumped: bool,
+    /// Nothing was logged for a while, and nothing has been told of the vehicle since.
+    paused: bool,
 }
 
 /// The best of several sensors of one kind, listed best first, that was heard within the last second.
@@ -81,8 +87,35 @@ impl Intake {
         let time = self.clock.usec(us);
         if let Some(event) = self.clock.take_event() {
             self.out.push(Input::Clock(event));
+            (self.jumped, self.paused) = (true, true);
         }
         time
+    }
+
+    /// Whether the last stamp has made the clock jump, once: what waits is then to be read.
+    pub(super) fn take_jumped(&mut self) -> bool {
+        std::mem::take(&mut self.jumped)
+    }
+
+    /// The time of what has waited; `true` in `jumped` if the clock has jumped meanwhile. What a message says of the vehicle itself (`state`) holds from
+    /// where it stands, whatever its stamp.
+    pub(super) fn waited(
+        &self,
+        message: &WaitingMessage,
+        jumped: bool,
+        state: bool,
+    ) -> Result<AutopilotTime, Cause> {
+        let time = match message.us {
+            Some(us) if jumped => self.clock.confirmed_usec(us),
+            Some(_) => Err(message.cause),
+            None => Ok(self.now()),
+        };
+        if state { time.or_else(|_| Ok(self.now())) } else { time }
+    }
+
+    /// The newest time, for what has none of its own.
+    pub(super) fn now(&self) -> AutopilotTime {
+        self.clock.newest().unwrap_or(AutopilotTime::from_micros(0))
     }
 
     /// What time of day it was at a stamp, µs since 1970 and since boot, as a receiver tells it.
@@ -205,8 +238,32 @@ impl Intake {
         self.sample(Sample::Landmark(LandmarkSample { time, camera: 0, id, sighting }))
     }
 
+    /// Whether it is armed, if that was told.
+    pub(super) fn is_armed(&self) -> Option<bool> {
+        self.status.and_then(|status| status.armed)
+    }
+
+    /// What has changed just now, which also tells what was before. A log that begins in flight tells of the end of what it never told the
+    /// beginning of; and who is armed for a second time was disarmed while nothing was logged, for many write no more once they are.
+    /// What was before is passed on first, in the same moment.
+    pub(super) fn changed(&mut self, told: VehicleStatus) {
+        let before = self.status.unwrap_or_default();
+        let mut past = VehicleStatus::default();
+        if before.armed.is_none() {
+            past.armed = told.armed.filter(|armed| !armed).map(|_| true);
+            past.landed = told.landed.filter(|landed| *landed && before.landed.is_none()).map(|_| false);
+        } else if self.paused && told.armed == Some(true) && before.armed == told.armed {
+            past = VehicleStatus { airframe: None, armed: Some(false), landed: before.landed.map(|_| true) };
+        }
+        if past != VehicleStatus::default() {
+            self.status(past);
+        }
+        self.status(told);
+    }
+
     /// What the vehicle is, whether it is armed and has landed: passed on when it changes. What is not told stays as it was.
     pub(super) fn status(&mut self, told: VehicleStatus) {
+        self.paused = false;
         let before = self.status.unwrap_or_default();
         let status = VehicleStatus {
             airframe: told.airframe.or(before.airframe),

@@ -19,6 +19,7 @@ mod source;
 pub mod stretches;
 mod telemetry;
 mod ulog;
+mod waiting;
 
 use std::io::{self, Read};
 use std::path::Path;

@@ -10,12 +10,15 @@ const MOST: usize = 256;
 /// From when to when something was so, s, in their order.
 #[derive(Clone, Debug, Default)]
 struct Periods {
+    /// When it was told for the first time, so or not.
+    first_s: Option<f64>,
     since_s: Option<f64>,
     over: Vec<(f64, f64)>,
 }
 
 impl Periods {
     fn note(&mut self, t_s: f64, so: bool) {
+        let first_s = *self.first_s.get_or_insert(t_s);
         match (self.since_s, so) {
             (None, true) => {
                 // One that ended a moment ago goes on.
@@ -24,11 +27,20 @@ impl Periods {
             }
             (Some(since_s), false) => {
                 self.since_s = None;
+                // What is over in the moment in which it is first told of began before the log did.
+                let since_s = if first_s == t_s { 0.0 } else { since_s };
                 if self.over.len() < MOST {
                     self.over.push((since_s, t_s));
                 }
             }
             _ => {}
+        }
+    }
+
+    /// The last one, if it ended just now, was over earlier: nothing was heard since.
+    fn ended_before(&mut self, now_s: f64, silent_since_s: f64) {
+        if let Some(last) = self.over.last_mut().filter(|last| last.1 == now_s) {
+            last.1 = silent_since_s.max(last.0);
         }
     }
 
@@ -45,11 +57,24 @@ impl Periods {
 pub struct ToldFlights {
     armed: Periods,
     in_air: Periods,
+    /// Since when nothing was heard, before what is heard now; until the vehicle says that it is armed.
+    silent_since_s: Option<f64>,
+    /// When it was heard again after the last silence.
+    heard_again_s: f64,
 }
 
 impl ToldFlights {
     /// It says this, so many seconds after the first sample.
     pub fn note(&mut self, t_s: f64, status: &VehicleStatus) {
+        // What it says first after a silence comes before the first sample.
+        let t_s = t_s.max(self.heard_again_s);
+        if status.armed == Some(true)
+            && let Some(since_s) = self.silent_since_s.take()
+        {
+            // Disarmed and armed in one moment: the first was when it fell silent.
+            self.armed.ended_before(t_s, since_s);
+            self.in_air.ended_before(t_s, since_s);
+        }
         if let Some(armed) = status.armed {
             self.armed.note(t_s, armed);
         }
@@ -57,6 +82,12 @@ impl ToldFlights {
         if let Some(landed) = status.landed {
             self.in_air.note(t_s, !landed && status.armed != Some(false));
         }
+    }
+
+    /// Nothing was heard of it from `t_s` on for `for_s`, longer than samples are apart, and now something is.
+    pub fn fell_silent(&mut self, t_s: f64, for_s: f64) {
+        self.silent_since_s = Some(t_s);
+        self.heard_again_s = t_s + for_s.max(0.0);
     }
 
     /// From when to when it was armed, of a log that ends at `end_s`.

@@ -9,7 +9,7 @@ use crate::replay::airborne::ToldFlights;
 use crate::replay::forks::{self, Branch, starts_in};
 use crate::replay::runner::Runner;
 use crate::sample::{Input, Reference, Sample, SampleKind};
-use crate::time::AutopilotTime;
+use crate::time::{AutopilotTime, ClockEvent};
 
 /// One outage, scored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,6 +86,13 @@ pub fn survey(log: &Log) -> Result<Survey, LogError> {
                 Input::Sample(s) => s.time(),
                 Input::Reference(r) => r.time(),
                 Input::Status(status) => return told.note(survey.duration_s.unwrap_or(0.0), status),
+                Input::Clock(ClockEvent::Gap(gap)) => {
+                    // Before the first sample no time has passed.
+                    if let Some(t_s) = survey.duration_s {
+                        told.fell_silent(t_s, gap.seconds());
+                    }
+                    return;
+                }
                 _ => return,
             };
             let t = time.seconds_since(*start.get_or_insert(time));

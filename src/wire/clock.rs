@@ -40,6 +40,8 @@ pub struct AutopilotClock {
     base_us: i64,
     newest: Option<AutopilotTime>,
     newest_boot_us: i64,
+    /// Where the last jump led to.
+    jumped_to_us: i64,
     date: Date,
     /// How the frame came that is read.
     arrival: Option<Arrival>,
@@ -193,6 +195,18 @@ impl AutopilotClock {
         self.date.offset_us().map(|o| self.boot_micros(time).saturating_add(o) as f64 * 1e-6)
     }
 
+    /// A stamp of microseconds that was refused before the jump that has just been believed: those that confirmed it are of the time after it. It
+    /// never moves the clock.
+    ///
+    /// # Errors
+    /// [`Cause::Stale`] when it does not belong to where the clock is now.
+    pub fn confirmed_usec(&self, us: u64) -> Result<AutopilotTime, Cause> {
+        let us = i64::try_from(us).map_err(|_| Cause::Absurd)?;
+        let latest_us = self.newest_boot_us.saturating_add(AHEAD.micros());
+        let belongs = self.near(us) || (self.jumped_to_us..=latest_us).contains(&us);
+        belongs.then(|| AutopilotTime::from_micros(us.saturating_add(self.base_us))).ok_or(Cause::Stale)
+    }
+
     fn near(&self, boot_us: i64) -> bool {
         let off = Span::from_micros(boot_us.saturating_sub(self.newest_boot_us));
         -LATE.micros() <= off.micros() && off <= AHEAD
@@ -227,23 +241,33 @@ impl AutopilotClock {
             (false, true) => Claim::Hole,
             (false, false) => Claim::Jump,
         };
-        if !self.rivals.hear(Suspect { boot_us, arrival: self.arrival }, claim, &self.pace) {
+        let Some(first_us) = self.rivals.hear(Suspect { boot_us, arrival: self.arrival }, claim, &self.pace)
+        else {
             return Err(if back { Cause::OutOfOrder } else { Cause::Stale });
-        }
-        Ok(self.jump(newest, boot_us, silent))
+        };
+        // Where no arrival is known nothing has been passed on meanwhile: those that confirmed it are read behind it.
+        let to_us = if self.arrival.is_none() { first_us.min(boot_us) } else { boot_us };
+        Ok(self.jump(newest, to_us, boot_us, silent))
     }
 
-    /// Stamps that go on from `boot_us` are believed; there was none since `newest`, for `silent`, where that is known.
-    fn jump(&mut self, newest: AutopilotTime, boot_us: i64, silent: Option<Span>) -> AutopilotTime {
+    /// Stamps that go on from `to_us` to `boot_us` are believed; there was none since `newest`, for `silent`, where that is known.
+    fn jump(
+        &mut self,
+        newest: AutopilotTime,
+        to_us: i64,
+        boot_us: i64,
+        silent: Option<Span>,
+    ) -> AutopilotTime {
         self.rivals.clear();
+        self.jumped_to_us = to_us;
         if boot_us < self.newest_boot_us {
             let after = newest + silent.unwrap_or(REBOOT_GAP).max(REBOOT_GAP);
-            self.base_us = after.micros().saturating_sub(boot_us);
+            self.base_us = after.micros().saturating_sub(to_us);
             (self.date, self.wraps) = (Date::default(), Wraps::default());
             self.reboots += 1;
             self.event = Some(ClockEvent::Reboot { before: newest, after, known: silent.is_some() });
         } else {
-            self.event = Some(ClockEvent::Gap(Span::from_micros(boot_us - self.newest_boot_us)));
+            self.event = Some(ClockEvent::Gap(Span::from_micros(to_us.saturating_sub(self.newest_boot_us))));
         }
         let time = AutopilotTime::from_micros(boot_us.saturating_add(self.base_us));
         self.newest = Some(time);

@@ -18,6 +18,7 @@ mod ulog_file;
 mod damage;
 mod formats;
 mod golden;
+mod pauses;
 mod topics;
 
 use std::path::Path;

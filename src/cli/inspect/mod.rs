@@ -18,7 +18,7 @@ use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::replay::airborne::ToldFlights;
 use crate::replay::runner::Runner;
 use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
-use crate::time::AutopilotTime;
+use crate::time::{AutopilotTime, ClockEvent};
 
 use outlook::OutlookReport;
 use sensors::{SensorReport, Sensors};
@@ -174,6 +174,10 @@ impl Contents {
                 self.airframe = status.airframe;
                 self.told.note(self.duration_s(), status);
                 return;
+            }
+            // Before the first sample no time has passed.
+            Input::Clock(ClockEvent::Gap(gap)) if self.span.is_some() => {
+                return self.told.fell_silent(self.duration_s(), gap.seconds());
             }
             Input::Origin(_) | Input::Clock(_) => return,
         };

@@ -5,14 +5,15 @@ mod inertial;
 mod position;
 mod reader;
 mod shaking;
+mod status;
 
 use std::io::{self, Read};
 
-use crate::sample::{Airframe, VehicleStatus};
+use crate::sample::VehicleStatus;
 use crate::time::AutopilotTime;
 use crate::wire::counters::Cause;
 use crate::wire::frame::{ComponentId, SystemId};
-use crate::wire::session::identity::{AutopilotKind, FirmwareVersion, ReleaseType, Vehicle};
+use crate::wire::session::identity::{AutopilotKind, Vehicle};
 
 use super::fast_samples::FastSensors;
 use super::format::DATAFLASH_FMT;
@@ -20,12 +21,14 @@ use super::intake::Intake;
 use super::parameters::Parameters;
 use super::rotors::RotorSpeeds;
 use super::row::{Columns, LogRow};
+use super::waiting::{WaitingMessage, WaitingMessages, may_wait};
 use super::{Entry, Listener, LogSummary};
 
 use inertial::Batches;
 use position::OwnEstimate;
 use reader::{DataFlashReader, Described, described, text};
 use shaking::OpenBatch;
+use status::firmware;
 
 /// Messages among which the vehicle introduces itself: descriptions and parameters come first.
 const INTRODUCTION: u64 = 20_000;
@@ -66,84 +69,14 @@ struct ArduPilot {
     rotors: RotorSpeeds,
     fast: FastSensors,
     batch: Option<OpenBatch>,
+    waiting: WaitingMessages,
 }
 
-/// Whether it is armed, and whether it flies.
-const STATUS: &[MessageMeaning] = &[
-    MessageMeaning { names: &["ARM"], fields: &["TimeUS", "ArmState"], decode: arm },
-    MessageMeaning { names: &["STAT"], fields: &["TimeUS", "Armed", "isFlying"], decode: stat },
-    MessageMeaning { names: &["EV"], fields: &["TimeUS", "TimeMS", "Id"], decode: event },
-];
-
 fn meaning(name: &str) -> Option<(&'static MessageMeaning, u8)> {
-    let all = [STATUS, inertial::MEANINGS, position::MEANINGS, aiding::MEANINGS, shaking::MEANINGS];
+    let all = [status::MEANINGS, inertial::MEANINGS, position::MEANINGS, aiding::MEANINGS, shaking::MEANINGS];
     all.into_iter().flatten().find_map(|m| {
         let instance = m.names.iter().position(|n| *n == name)?;
         Some((m, instance as u8))
-    })
-}
-
-fn armed(vehicle: &mut ArduPilot, armed: bool) -> Result<(), Cause> {
-    vehicle.intake.status(VehicleStatus { armed: Some(armed), ..VehicleStatus::default() });
-    Ok(())
-}
-
-fn landed(vehicle: &mut ArduPilot, landed: bool) -> Result<(), Cause> {
-    vehicle.intake.status(VehicleStatus { landed: Some(landed), ..VehicleStatus::default() });
-    Ok(())
-}
-
-fn arm(vehicle: &mut ArduPilot, m: &Told<'_>) -> Result<(), Cause> {
-    armed(vehicle, m.row.byte("ArmState").ok_or(Cause::BadPayload)? != 0)
-}
-
-fn stat(vehicle: &mut ArduPilot, m: &Told<'_>) -> Result<(), Cause> {
-    armed(vehicle, m.row.byte("Armed").ok_or(Cause::BadPayload)? != 0)?;
-    m.row.byte("isFlying").map_or(Ok(()), |flies| landed(vehicle, flies == 0))
-}
-
-/// Events of `AP_Logger.h`: `ARMED`, `DISARMED`, `LAND_COMPLETE`, `NOT_LANDED`.
-fn event(vehicle: &mut ArduPilot, m: &Told<'_>) -> Result<(), Cause> {
-    match m.row.byte("Id") {
-        Some(10) => armed(vehicle, true),
-        Some(11) => armed(vehicle, false),
-        Some(18) => landed(vehicle, true),
-        Some(28) => landed(vehicle, false),
-        _ => Ok(()),
-    }
-}
-
-/// What the firmware's name, as MSG and VER hold it, tells.
-fn firmware(name: &str) -> Option<(Airframe, u8, Option<FirmwareVersion>)> {
-    let (airframe, vehicle_type, rest) = [
-        ("ArduCopter", Airframe::Multirotor, 2),
-        ("ArduPlane", Airframe::FixedWing, 1),
-        ("ArduRover", Airframe::Surface, 10),
-        ("APM:Copter", Airframe::Multirotor, 2),
-        ("APM:Plane", Airframe::FixedWing, 1),
-        ("APM:Rover", Airframe::Surface, 10),
-    ]
-    .into_iter()
-    .find_map(|(prefix, airframe, kind)| Some((airframe, kind, name.strip_prefix(prefix)?)))?;
-    Some((airframe, vehicle_type, version(rest)))
-}
-
-/// ` V4.5.7 (2a3dc4b7)` or ` V4.7.0-dev (…)`.
-fn version(text: &str) -> Option<FirmwareVersion> {
-    let word = text.trim_start().strip_prefix('V')?.split_whitespace().next()?;
-    let (numbers, release) = word.split_once('-').map_or((word, None), |(n, r)| (n, Some(r)));
-    let mut numbers = numbers.split('.').map(|n| n.parse().ok());
-    let release = match release {
-        None => ReleaseType::Official,
-        Some(r) if r.starts_with("beta") => ReleaseType::Beta,
-        Some(r) if r.starts_with("rc") => ReleaseType::Candidate,
-        Some(_) => ReleaseType::Development,
-    };
-    Some(FirmwareVersion {
-        major: numbers.next()??,
-        minor: numbers.next()??,
-        patch: numbers.next().flatten().unwrap_or(0),
-        release,
     })
 }
 
@@ -165,6 +98,8 @@ struct Kind {
     described: Described,
     instance: u8,
     meaning: Option<(&'static MessageMeaning, Columns)>,
+    /// It tells of the vehicle itself.
+    state: bool,
 }
 
 impl Kind {
@@ -172,6 +107,7 @@ impl Kind {
         let meaning = meaning(&described.name);
         Self {
             instance: meaning.map_or(0, |(_, instance)| instance),
+            state: status::MEANINGS.iter().any(|m| m.names.contains(&described.name.as_str())),
             meaning: meaning.map(|(m, _)| (m, Columns::of(m.fields, |label| described.slot(label)))),
             described,
         }
@@ -261,11 +197,10 @@ pub(super) fn play(bytes: impl Read, vehicle: &Vehicle, to: &mut Listener<'_>) -
         let name = Some(kind.described.name.as_str());
         let component = kind.meaning.as_ref().map_or(0, |(_, columns)| instance(kind, columns.row(payload)));
         (to.entry)(&Entry { name, id: u32::from(id), system, component });
-        if let Err(cause) = ardupilot.take(kind, component, payload) {
-            ardupilot.intake.counters.count(cause);
-        }
+        ardupilot.take(&kinds, id, payload);
         ardupilot.pass_on(to);
     }
+    ardupilot.release(&kinds, false);
     ardupilot.flush();
     ardupilot.pass_on(to);
     let mut counters = ardupilot.intake.counters.clone();
@@ -287,19 +222,65 @@ fn instance(kind: &Kind, row: LogRow<'_>) -> u8 {
     row.byte("I").or(row.byte("Instance")).or(row.byte("C")).unwrap_or(kind.instance)
 }
 
+/// A message's own stamp, µs since boot. GPS before 2014 had the time of week in TimeMS, and its own time in T.
+fn stamp(row: LogRow<'_>) -> Option<u64> {
+    let millis = || row.micros("T").or(row.micros("TimeMS")).map(|ms| ms * 1000);
+    row.micros("TimeUS").or_else(millis)
+}
+
 impl ArduPilot {
-    fn take(&mut self, kind: &Kind, instance: u8, payload: &[u8]) -> Result<(), Cause> {
-        let Some((meaning, columns)) = &kind.meaning else {
-            self.texts(&kind.described, payload);
-            return Ok(());
+    /// One message: read at once where its stamp can be believed, else when it is known whether the clock has jumped there.
+    fn take(&mut self, kinds: &Kinds, id: u8, payload: &[u8]) {
+        let Some(kind) = kinds.get(id) else { return };
+        let Some((_, columns)) = &kind.meaning else { return self.texts(&kind.described, payload) };
+        let us = stamp(columns.row(payload));
+        let cause = match us.map(|us| self.intake.time(us)) {
+            Some(Ok(time)) => {
+                let jumped = self.intake.take_jumped();
+                self.release(kinds, jumped);
+                return self.read(kind, payload, us, time);
+            }
+            Some(Err(cause)) if may_wait(cause) || kind.state => cause,
+            Some(Err(cause)) => return self.intake.counters.count(cause),
+            None if !kind.state => return self.intake.counters.count(Cause::BadPayload),
+            // It is of the time of what stands before it. Only who is armed goes on with the log, and that may have paused here.
+            None if self.waiting.is_empty() && !status::arms(columns.row(payload)) => {
+                return self.read(kind, payload, us, self.intake.now());
+            }
+            None => Cause::BadPayload,
         };
+        let message = WaitingMessage { id: u16::from(id), us, cause, payload: payload.to_vec() };
+        if let Some(oldest) = self.waiting.hold(message) {
+            self.read_late(kinds, &oldest, false);
+        }
+    }
+
+    /// What has waited is read, now that the clock has jumped, or has not.
+    fn release(&mut self, kinds: &Kinds, jumped: bool) {
+        while let Some(message) = self.waiting.next() {
+            self.read_late(kinds, &message, jumped);
+        }
+    }
+
+    fn read_late(&mut self, kinds: &Kinds, message: &WaitingMessage, jumped: bool) {
+        let Some(kind) = u8::try_from(message.id).ok().and_then(|id| kinds.get(id)) else { return };
+        match self.intake.waited(message, jumped, kind.state) {
+            Ok(time) => self.read(kind, &message.payload, message.us, time),
+            Err(cause) => self.intake.counters.count(cause),
+        }
+    }
+
+    /// A message whose time is known.
+    fn read(&mut self, kind: &Kind, payload: &[u8], us: Option<u64>, time: AutopilotTime) {
+        let Some((meaning, columns)) = &kind.meaning else { return };
         let row = columns.row(payload);
-        // GPS before 2014 had the time of week in TimeMS, and its own time in T.
-        let millis = || row.micros("T").or(row.micros("TimeMS")).map(|ms| ms * 1000);
-        let us = row.micros("TimeUS").or_else(millis).ok_or(Cause::BadPayload)?;
-        let time = self.intake.time(us)?;
-        self.flush_before(us);
-        (meaning.decode)(self, &Told { us, time, instance, row })
+        if let Some(us) = us {
+            self.flush_before(us);
+        }
+        let told = Told { us: us.unwrap_or_default(), time, instance: instance(kind, row), row };
+        if let Err(cause) = (meaning.decode)(self, &told) {
+            self.intake.counters.count(cause);
+        }
     }
 
     /// Parameters and messages to people.

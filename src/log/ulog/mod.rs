@@ -20,6 +20,7 @@ use super::intake::Intake;
 use super::parameters::Parameters;
 use super::rotors::RotorSpeeds;
 use super::row::{Columns, LogRow};
+use super::waiting::{WaitingMessage, WaitingMessages, may_wait};
 use super::{Entry, Listener, LogSummary};
 
 use inertial::Units;
@@ -187,6 +188,7 @@ struct UlogPlay {
     frames: u64,
     dropouts: u64,
     dropped_ms: u64,
+    waiting: WaitingMessages,
 }
 
 /// Reads a log to its end.
@@ -202,6 +204,7 @@ pub(super) fn play(bytes: impl Read, vehicle: &Vehicle, to: &mut Listener<'_>) -
         frames: 0,
         dropouts: 0,
         dropped_ms: 0,
+        waiting: WaitingMessages::default(),
     };
     while let Some(message) = reader.next_message()? {
         reading.frames += 1;
@@ -219,6 +222,8 @@ pub(super) fn play(bytes: impl Read, vehicle: &Vehicle, to: &mut Listener<'_>) -
             _ => reading.other(message.kind, message.payload),
         }
     }
+    reading.release(false);
+    reading.pass_on(to);
     let mut counters = reading.px4.intake.counters.clone();
     counters.add(Cause::Garbage, reader.garbage);
     let mut notes = Vec::new();
@@ -298,28 +303,81 @@ impl UlogPlay {
         let name = Some(subscription.name.as_str());
         let instance = subscription.instance;
         (to.entry)(&Entry { name, id: u32::from(id), system: self.system, component: instance });
-        let Some((topic, columns)) = &subscription.topic else { return };
-        let Some(us) = data.first_chunk().map(|b| u64::from_le_bytes(*b)) else { return };
-        let px4 = &mut self.px4;
-        let stale = us.saturating_add(STALE.micros() as u64) < self.began_us;
-        let boot_us = if self.began_us < SINCE_1970_US { us } else { us.saturating_sub(self.began_us) };
-        let time = match px4.intake.clock.newest() {
-            _ if !stale => px4.intake.time(boot_us),
-            Some(newest) if is_state(topic) => Ok(newest),
-            _ if is_state(topic) => Ok(AutopilotTime::from_micros(0)),
-            _ => Err(Cause::Stale),
-        };
-        let row = columns.row(data);
-        let done = time.and_then(|time| (topic.decode)(px4, &Logged { us, boot_us, time, instance, row }));
-        if let Err(cause) = done {
-            px4.intake.counters.count(cause);
+        if subscription.topic.is_some() {
+            self.take(id, data);
         }
-        for input in px4.intake.out.drain(..) {
-            (to.item)(&px4.intake.clock, &input);
+        self.pass_on(to);
+    }
+
+    fn pass_on(&mut self, to: &mut Listener<'_>) {
+        for input in self.px4.intake.out.drain(..) {
+            (to.item)(&self.px4.intake.clock, &input);
         }
     }
-}
 
-fn is_state(topic: &Topic) -> bool {
-    STATES.iter().any(|t| t.name == topic.name)
+    /// One message: read at once where its stamp can be believed, else when it is known whether the clock has jumped there.
+    fn take(&mut self, id: u16, data: &[u8]) {
+        let Some(us) = data.first_chunk().map(|b| u64::from_le_bytes(*b)) else { return };
+        // Published before logging began.
+        if us.saturating_add(STALE.micros() as u64) < self.began_us {
+            return match self.is_state(id) {
+                true => self.read(id, data, self.px4.intake.now()),
+                false => self.px4.intake.counters.count(Cause::Stale),
+            };
+        }
+        match self.px4.intake.time(self.since_boot(us)) {
+            Ok(time) => {
+                let jumped = self.px4.intake.take_jumped();
+                self.release(jumped);
+                self.read(id, data, time);
+            }
+            Err(cause) if may_wait(cause) => {
+                let us = Some(self.since_boot(us));
+                let message = WaitingMessage { id, us, cause, payload: data.to_vec() };
+                if let Some(oldest) = self.waiting.hold(message) {
+                    self.read_late(&oldest, false);
+                }
+            }
+            Err(cause) => self.px4.intake.counters.count(cause),
+        }
+    }
+
+    /// What has waited is read, now that the clock has jumped, or has not.
+    fn release(&mut self, jumped: bool) {
+        while let Some(message) = self.waiting.next() {
+            self.read_late(&message, jumped);
+        }
+    }
+
+    fn read_late(&mut self, message: &WaitingMessage, jumped: bool) {
+        match self.px4.intake.waited(message, jumped, self.is_state(message.id)) {
+            Ok(time) => self.read(message.id, &message.payload, time),
+            Err(cause) => self.px4.intake.counters.count(cause),
+        }
+    }
+
+    /// A message whose time is known.
+    fn read(&mut self, id: u16, data: &[u8], time: AutopilotTime) {
+        let Some(Subscription { instance, topic: Some((topic, columns)), .. }) = self.subscriptions.get(&id)
+        else {
+            return;
+        };
+        let us = data.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
+        let boot_us = self.since_boot(us);
+        let told = Logged { us, boot_us, time, instance: *instance, row: columns.row(data) };
+        if let Err(cause) = (topic.decode)(&mut self.px4, &told) {
+            self.px4.intake.counters.count(cause);
+        }
+    }
+
+    /// A stamp since boot.
+    fn since_boot(&self, us: u64) -> u64 {
+        if self.began_us < SINCE_1970_US { us } else { us.saturating_sub(self.began_us) }
+    }
+
+    /// Whether messages of this number say what is so.
+    fn is_state(&self, id: u16) -> bool {
+        let topic = self.subscriptions.get(&id).and_then(|s| s.topic.as_ref());
+        topic.is_some_and(|(topic, _)| STATES.iter().any(|t| t.name == topic.name))
+    }
 }

@@ -154,17 +154,18 @@ impl Rivals {
         self.0 = [None; 3];
     }
 
-    /// A stamp that does not belong to the clock that is followed; whether it is believed now.
-    pub(super) fn hear(&mut self, s: Suspect, claim: Claim, pace: &ArrivalPace) -> bool {
+    /// A stamp that does not belong to the clock that is followed; if it is believed now, the first of those that it agrees with, microseconds
+    /// since boot.
+    pub(super) fn hear(&mut self, s: Suspect, claim: Claim, pace: &ArrivalPace) -> Option<i64> {
         if let Some(rival) = self.0.iter_mut().flatten().find(|r| r.agrees(&s, pace)) {
             rival.hear(s);
-            return rival.is_believed(claim, pace);
+            return rival.is_believed(claim, pace).then_some(rival.first.boot_us);
         }
         // The one that has been silent for longest is the least of them.
         let age = |r: &Option<Rival>| r.map(|r| (r.newest.at(), r.frames));
         if let Some(slot) = self.0.iter_mut().min_by_key(|r| age(r)) {
             *slot = Some(Rival::new(s));
         }
-        false
+        None
     }
 }
