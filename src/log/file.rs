@@ -18,6 +18,8 @@ use super::source;
 
 /// The name that stands for standard input.
 const STDIN: &str = "-";
+/// Looked at before the rest is held, bytes: what is packed has to give what shows the format.
+const FIRST: u64 = 2 * format::LOOKED_AT as u64;
 /// Held in memory up to this, bytes.
 const MOST_IN_MEMORY: u64 = 4 << 20;
 /// Held at all up to this, bytes: an hour at full rate is 2 GB.
@@ -65,7 +67,7 @@ impl LogFile {
         let path = name.as_ref().to_owned();
         let io_error = |source| LogError::Io { path: path.clone(), source };
         let mut first = Vec::new();
-        bytes.by_ref().take(format::LOOKED_AT as u64).read_to_end(&mut first).map_err(io_error)?;
+        bytes.by_ref().take(FIRST).read_to_end(&mut first).map_err(io_error)?;
         if first.is_empty() {
             return Err(LogError::Empty { path });
         }

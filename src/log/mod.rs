@@ -20,6 +20,7 @@ pub mod stretches;
 mod telemetry;
 mod ulog;
 mod waiting;
+mod zstd;
 
 use std::io::{self, Read};
 use std::path::Path;

@@ -4,13 +4,13 @@
 //! breaks off ends there, with a word about it; one that unpacks to more than any log could is a bomb, and ends there too.
 
 use std::cell::{Cell, RefCell};
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::rc::Rc;
 
 use flate2::bufread::MultiGzDecoder;
-use ruzstd::decoding::StreamingDecoder;
 
 use super::file::LogFile;
+use super::zstd::Frames;
 
 const GZIP: &[u8] = &[0x1F, 0x8B];
 const ZSTD: &[u8] = &[0x28, 0xB5, 0x2F, 0xFD];
@@ -19,10 +19,8 @@ const ZSTD: &[u8] = &[0x28, 0xB5, 0x2F, 0xFD];
 const MOST_GROWTH: u64 = 200;
 /// What is unpacked before growth is looked at, bytes.
 const GROWTH_FREE: u64 = 64 << 20;
-/// The most that unpacking zstd may keep of the past, bytes: `zstd --ultra -22` wants 128 MiB of long files, `-19` 8 MiB.
-const MOST_WINDOW: u64 = 32 << 20;
-/// The longest header of a zstd frame.
-const ZSTD_HEADER: usize = 18;
+/// What is told of a file that ends before what is packed in it does.
+const CUT_OFF: &str = "the file is cut off, and what was packed behind it is missing";
 
 /// What reading has come to: the reader is given away, this stays.
 #[derive(Clone, Debug, Default)]
@@ -59,7 +57,7 @@ pub(super) fn unpacked<R: Read + 'static>(bytes: R) -> (Box<dyn Read>, ReadProgr
     let unpacked: Box<dyn Read> = if first.starts_with(GZIP) {
         Box::new(MultiGzDecoder::new(packed))
     } else if first.starts_with(ZSTD) {
-        Box::new(Frames { state: FrameState::Between(packed) })
+        Box::new(Frames::new(packed))
     } else {
         return (Box::new(packed), progress);
     };
@@ -100,73 +98,13 @@ impl Read for Bounded {
                 }
                 format!("it unpacks to more than {MOST_GROWTH} times its size, which no log does")
             }
-            Err(e) if e.kind() == io::ErrorKind::Interrupted => return Err(e),
+            Err(e) if e.kind() == ErrorKind::Interrupted => return Err(e),
+            Err(e) if e.kind() == ErrorKind::UnexpectedEof => CUT_OFF.to_owned(),
             Err(e) => e.to_string(),
         };
         *self.progress.ended.borrow_mut() = Some(why);
         Ok(0)
     }
-}
-
-/// A zstd file: one frame after the other.
-struct Frames<R: BufRead> {
-    state: FrameState<R>,
-}
-
-enum FrameState<R: BufRead> {
-    Between(R),
-    Within(Box<StreamingDecoder<R, ruzstd::decoding::FrameDecoder>>),
-    Ended,
-}
-
-impl<R: BufRead> Read for Frames<R> {
-    fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
-        loop {
-            match std::mem::replace(&mut self.state, FrameState::Ended) {
-                FrameState::Ended => return Ok(0),
-                FrameState::Between(mut packed) => {
-                    let first = packed.fill_buf()?;
-                    if first.is_empty() {
-                        return Ok(0);
-                    }
-                    if window(first).is_some_and(|w| w > MOST_WINDOW) {
-                        return Err(io::Error::other(format!(
-                            "unpacking it takes a window of more than {} MiB",
-                            MOST_WINDOW >> 20
-                        )));
-                    }
-                    let frame = StreamingDecoder::new(packed).map_err(io::Error::other)?;
-                    self.state = FrameState::Within(Box::new(frame));
-                }
-                FrameState::Within(mut frame) => {
-                    let n = frame.read(to)?;
-                    self.state = if n == 0 && !to.is_empty() {
-                        FrameState::Between(frame.into_inner())
-                    } else {
-                        FrameState::Within(frame)
-                    };
-                    if n > 0 || to.is_empty() {
-                        return Ok(n);
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// The past that a zstd frame may refer to, bytes (RFC 8878, 3.1.1.1): of the window descriptor, or the whole content.
-fn window(frame: &[u8]) -> Option<u64> {
-    let header = frame.get(4..frame.len().min(ZSTD_HEADER))?;
-    let (&descriptor, rest) = header.split_first()?;
-    if descriptor & 0x20 == 0 {
-        let w = *rest.first()?;
-        let base = 1u64 << (10 + u64::from(w >> 3));
-        return Some(base + base / 8 * u64::from(w & 7));
-    }
-    let dictionary = [0, 1, 2, 4][usize::from(descriptor & 3)];
-    let (bytes, more) = [(1, 0), (2, 256), (4, 0), (8, 0)][usize::from(descriptor >> 6)];
-    let size = rest.get(dictionary..dictionary + bytes)?;
-    Some(size.iter().rev().fold(0u64, |n, &b| n << 8 | u64::from(b)).saturating_add(more))
 }
 
 #[cfg(test)]
@@ -220,6 +158,40 @@ mod tests {
             assert!(out.len() > log.len() / 4 && log.starts_with(&out), "{}", out.len());
             assert!(why.is_some());
         }
+    }
+
+    /// One frame that may refer to all of itself, as `zstd` makes it of a log below some MiB: blocks of raw bytes, and a checksum.
+    fn one_window(bytes: &[u8]) -> Vec<u8> {
+        let mut packed = [ZSTD, &[0xA4], &(bytes.len() as u32).to_le_bytes()].concat();
+        let blocks = bytes.chunks(100_000);
+        let last = blocks.len() - 1;
+        for (i, block) in blocks.enumerate() {
+            let head = (block.len() as u32) << 3 | u32::from(i == last);
+            packed.extend_from_slice(&head.to_le_bytes()[..3]);
+            packed.extend_from_slice(block);
+        }
+        packed.extend_from_slice(&[0; 4]);
+        packed
+    }
+
+    #[test]
+    fn of_a_frame_that_is_cut_off_every_whole_block_is_read() {
+        let log = log();
+        let whole = one_window(&log);
+        assert_eq!(read(whole.clone()), (log.clone(), None));
+        for (cut, blocks) in [(whole.len() - 2, 8), (whole.len() - 50_000, 7), (350_000, 3), (50_000, 0)] {
+            let (out, why) = read(whole[..cut].to_vec());
+            assert!(out == log[..100_000 * blocks], "{cut}: {}", out.len());
+            assert_eq!(why.as_deref(), Some(CUT_OFF));
+        }
+        // A block of a kind that there is none of is damage, and what is in front of it is read as well.
+        let mut damaged = whole;
+        damaged[9 + 2 * 100_003] |= 6;
+        let (out, why) = read(damaged);
+        assert!(out == log[..200_000] && why.is_some_and(|why| why != CUT_OFF), "{}", out.len());
+        let mut packed = gzip(&log);
+        packed.truncate(packed.len() / 2);
+        assert_eq!(read(packed).1.as_deref(), Some(CUT_OFF));
     }
 
     #[test]

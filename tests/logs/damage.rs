@@ -64,6 +64,28 @@ fn dropouts_and_numbers_that_nobody_registered_are_told() {
 }
 
 #[test]
+fn a_packed_log_that_is_cut_off_loses_its_end_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let [_, log] = logs();
+    let whole = imu(&inputs(&write_log(folder.path(), "whole", log)).0);
+    // A frame whose window is all of it: blocks of raw bytes.
+    let mut packed = [&[0x28, 0xB5, 0x2F, 0xFD, 0xA0][..], &(log.len() as u32).to_le_bytes()].concat();
+    for block in log.chunks(10_000) {
+        packed.extend_from_slice(&((block.len() as u32) << 3).to_le_bytes()[..3]);
+        packed.extend_from_slice(block);
+    }
+    packed.truncate(packed.len() / 2);
+    let path = write_log(folder.path(), "half.bin.zst", &packed);
+    let (half, summary) = inputs(&path);
+    let share = imu(&half) as f64 / whole as f64;
+    assert!((0.4..0.51).contains(&share) && summary.truncated, "{share}");
+    let ran = holdover(&["inspect", path.to_str().unwrap()]);
+    assert!(ran.code == Some(0) && ran.out.contains("the file is cut off"), "{ran:?}");
+    let report = holdover(&["inspect", path.to_str().unwrap(), "--json"]).json();
+    assert_eq!(report["truncated"], true);
+}
+
+#[test]
 fn what_cannot_be_read_is_refused_with_the_documented_code() {
     let folder = tempfile::tempdir().unwrap();
     let [ulog, dataflash] = logs();
