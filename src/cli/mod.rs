@@ -271,7 +271,7 @@ pub fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            output::last_words(format!("holdover: {failure}\n"));
+            output::last_words(&format!("holdover: {failure}\n"));
             ExitCode::from(failure.exit_code())
         }
     }

@@ -7,6 +7,8 @@ use std::sync::mpsc::sync_channel;
 use std::thread;
 use std::time::Duration;
 
+use crate::files::{without_numbers, words};
+
 /// How long the last words may take.
 const PATIENCE: Duration = Duration::from_millis(500);
 
@@ -22,20 +24,22 @@ pub(super) fn piece(text: fmt::Arguments<'_>) {
         Ok(()) => {}
         Err(e) if e.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
         Err(e) => {
-            let _ = writeln!(io::stderr(), "holdover: standard output: {e}");
+            let _ = writeln!(io::stderr(), "holdover: standard output: {}", words(&e));
             std::process::exit(1);
         }
     }
 }
 
-/// Tells one line on standard error, where that can be written.
+/// Tells one line on standard error, where that can be written; what the system says of a file in words alone.
 pub(super) fn tell(text: fmt::Arguments<'_>) {
-    let _ = io::stderr().lock().write_fmt(format_args!("{text}\n"));
+    let line = without_numbers(&format!("{text}\n"));
+    let _ = io::stderr().lock().write_all(line.as_bytes());
 }
 
 /// Tells why the command ends, and waits for that only briefly: a daemon that is told to end must not be held up by who reads nothing.
 /// Where it cannot be written, the exit code tells.
-pub(super) fn last_words(text: String) {
+pub(super) fn last_words(text: &str) {
+    let text = without_numbers(text);
     let (done, written) = sync_channel(1);
     let telling = move || {
         let _ = io::stderr().write_all(text.as_bytes());

@@ -24,7 +24,37 @@ pub fn named(path: &Path, error: &io::Error) -> io::Error {
 }
 
 /// What the system says, without its number.
-fn words(error: &io::Error) -> String {
-    let text = error.to_string();
-    text.split(" (os error").next().unwrap_or(&text).to_owned()
+pub fn words(error: &io::Error) -> String {
+    without_numbers(&error.to_string())
+}
+
+/// A text without the numbers of the system's errors in it: whoever reads that a file does not exist has no use for "(os error 2)".
+pub fn without_numbers(text: &str) -> String {
+    const BEGINS: &str = " (os error ";
+    let mut pieces = text.split(BEGINS);
+    let mut plain = pieces.next().unwrap_or_default().to_owned();
+    for piece in pieces {
+        match piece.split_once(')') {
+            Some((number, rest)) if number.bytes().all(|b| b.is_ascii_digit()) => plain.push_str(rest),
+            _ => plain.extend([BEGINS, piece]),
+        }
+    }
+    plain
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_the_system_are_left_out_and_nothing_else() {
+        let error = io::Error::from_raw_os_error(2);
+        assert!(error.to_string().contains("(os error 2)"));
+        assert_eq!(words(&error), "No such file or directory");
+        let two = "a: gone (os error 2); b: full (os error 28), and more";
+        assert_eq!(without_numbers(two), "a: gone; b: full, and more");
+        for text in ["", "a (os error", "a (os error x) b", "a (os error 3", "(os) error"] {
+            assert_eq!(without_numbers(text), text);
+        }
+    }
 }

@@ -3,11 +3,13 @@
 use std::io;
 use std::path::PathBuf;
 
+use crate::files::words;
+
 /// Why a log cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
     /// It cannot be opened or read.
-    #[error("{path}: {source}")]
+    #[error("{path}: {}", words(source))]
     Io {
         /// The file.
         path: PathBuf,

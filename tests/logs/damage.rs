@@ -86,6 +86,14 @@ fn a_packed_log_that_is_cut_off_loses_its_end_and_nothing_else() {
 }
 
 #[test]
+fn a_file_that_is_not_there_is_told_in_words() {
+    for arguments in [&["inspect", "no-such.bin"][..], &["check", "--config", "no-such.toml"]] {
+        let ran = holdover(arguments);
+        assert!(ran.err.contains("No such file or directory\n"), "{ran:?}");
+    }
+}
+
+#[test]
 fn what_cannot_be_read_is_refused_with_the_documented_code() {
     let folder = tempfile::tempdir().unwrap();
     let [ulog, dataflash] = logs();
