@@ -71,7 +71,7 @@ use memory::{ResumeError, SensorsMemory, Snapshot};
 use monitor::{GnssFault, GnssState};
 use reset::Reset;
 use settings::NavigatorSettings;
-use shadow::{DriftComparison, MeasuredDrift};
+use shadow::{DriftComparison, MeasuredDrift, TimeBeside};
 use solution::{Mode, Solution};
 use sources::SourceSet;
 use sources::status::{SourceId, SourceReport, StatusBoard};
@@ -278,6 +278,11 @@ impl Navigator {
     /// What dead reckonings beside GNSS have measured on this flight, whatever would carry an outage now first.
     pub fn measured_drift(&self) -> Vec<MeasuredDrift> {
         self.core.estimator.measured_drift()
+    }
+
+    /// What the time beside trusted GNSS was spent with, in which they can be compared.
+    pub fn time_beside_gnss(&self) -> TimeBeside {
+        self.core.estimator.time_beside()
     }
 
     /// What became of everything that every source told.

@@ -3,8 +3,14 @@
 use serde::Serialize;
 
 use crate::navigator::event::EventKind;
+use crate::navigator::shadow::TimeBeside;
 use crate::navigator::solution::{Mode, VelocitySource};
 use crate::replay::runner::Runner;
+
+/// Time with good GNSS in which anything can be measured, s: the shortest dead reckoning, twice.
+const LEAST_TRUSTED_S: f64 = 20.0;
+/// Where it is not known for more than this part of the time whether it flew, that is the reason.
+const UNSEEN_PART: f64 = 0.2;
 
 /// How far off it would be after some time.
 #[derive(Clone, Debug, Serialize)]
@@ -30,6 +36,8 @@ pub(super) struct OutlookReport {
     waiting_for: Option<String>,
     /// Measured on this flight beside GNSS.
     expected: Vec<ExpectedError>,
+    /// Why none was, in words.
+    unmeasured: Option<String>,
     /// Optical flow that never carried, and what is held against it at the end.
     distrusted: Vec<DistrustedFlow>,
     /// Latency of GNSS, s, as the navigation found it, with its standard deviation.
@@ -57,11 +65,13 @@ impl OutlookReport {
             .filter_map(|(flow, _, trust)| Some(DistrustedFlow { flow, why: trust.err()?.reason() }))
             .filter(|_| !carried);
         let distrusted = distrusted.collect();
+        let unmeasured = expected.is_empty().then(|| unmeasured(&navigator.time_beside_gnss()));
         let (latency_s, sigma_s) = navigator.gnss_latency_s();
         Self {
             aligned_at_s: aligned.map(|(t, _)| *t),
             waiting_for,
             expected,
+            unmeasured,
             distrusted,
             gnss_latency_s: [latency_s, sigma_s],
         }
@@ -79,10 +89,8 @@ impl OutlookReport {
         for DistrustedFlow { flow, why } in &self.distrusted {
             outln!("  optical flow {flow} is not used: {why}");
         }
-        if self.expected.is_empty() {
-            outln!(
-                "  how far off it would be without GNSS was not measured: too little flight with good GNSS"
-            );
+        if let Some(why) = &self.unmeasured {
+            outln!("  how far off it would be without GNSS was not measured: {why}");
         }
         for e in &self.expected {
             let ExpectedError { carried_by, after_s, error_m, times } = e;
@@ -90,5 +98,22 @@ impl OutlookReport {
                 "  without GNSS, carried by {carried_by}: {error_m:.1} m off after {after_s:.0} s (measured {times} times on this flight)"
             );
         }
+    }
+}
+
+/// Why no dead reckoning was compared with GNSS: that takes 10 s of flight in one piece.
+fn unmeasured(beside: &TimeBeside) -> String {
+    let TimeBeside { trusted_s, flown_s, unseen_s } = *beside;
+    if trusted_s < LEAST_TRUSTED_S {
+        format!("{trusted_s:.0} s with good GNSS are too few")
+    } else if unseen_s > UNSEEN_PART * trusted_s {
+        format!(
+            "for {unseen_s:.0} of {trusted_s:.0} s with good GNSS it was slow, and nothing tells whether it hovered or stood \
+             (no rangefinder, and it was never heard to stand disarmed)"
+        )
+    } else {
+        format!(
+            "of {trusted_s:.0} s with good GNSS it flew for {flown_s:.0} s, and never for ten in one piece"
+        )
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::super::memory::DriftMemory;
-use super::super::shadow::{DriftComparison, Growth, MeasuredDrift};
+use super::super::shadow::{DriftComparison, Growth, MeasuredDrift, TimeBeside};
 use super::super::solution::VelocitySource;
 use super::{EstimatorStack, Stage};
 
@@ -63,6 +63,11 @@ impl EstimatorStack {
         if let Stage::ErrorState(Some(stage)) = &self.stage {
             self.growth.doubt(&stage.filter().position_covariance());
         }
+    }
+
+    /// What the time beside trusted GNSS was spent with.
+    pub(in super::super) fn time_beside(&self) -> TimeBeside {
+        self.shadows.beside()
     }
 
     /// What the shadows have measured, whatever would carry now first.

@@ -124,6 +124,18 @@ pub(super) struct Shadows {
     air: VelocitySource,
     /// GNSS is.
     trusted: bool,
+    beside: TimeBeside,
+}
+
+/// What the time beside trusted GNSS was spent with, s: dead reckonings are compared in flight alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TimeBeside {
+    /// All of it.
+    pub trusted_s: f64,
+    /// In flight.
+    pub flown_s: f64,
+    /// Slow, and at a height above the ground that is not known: a hover, or none.
+    pub unseen_s: f64,
 }
 
 /// What carries the velocity without GNSS, as things are at present.
@@ -167,12 +179,18 @@ impl Shadows {
             present: Present { carrier: VelocitySource::Inertial, air: None, flies: false },
             air: VelocitySource::Drag,
             trusted: false,
+            beside: TimeBeside::default(),
         }
     }
 
     /// What was learned.
     pub(super) fn drift(&self) -> &ProvenDrift {
         &self.drift
+    }
+
+    /// What the time was spent with.
+    pub(super) fn beside(&self) -> TimeBeside {
+        self.beside
     }
 
     /// It was learned before.
@@ -217,6 +235,12 @@ impl Shadows {
         }
         let above_m = input.height_m.zip(facts.ground).map(|(h, ground)| h - ground.height_m);
         let flies = !facts.resting && (speed_mps > FLIES_MPS || above_m.is_some_and(|h| h > FLIES_M));
+        self.beside.trusted_s += dt;
+        match flies {
+            true => self.beside.flown_s += dt,
+            false if !facts.resting && above_m.is_none() => self.beside.unseen_s += dt,
+            false => {}
+        }
         let air = by_air(facts, s.time);
         self.air = air.unwrap_or(self.air);
         self.present = Present { carrier: carrier(facts, s.time), air, flies };
