@@ -49,6 +49,11 @@ impl Stretches {
         (self.covered_s > 0.0).then(|| intervals as f64 / self.covered_s)
     }
 
+    /// How long they run, without the holes, s.
+    pub fn covered_s(&self) -> f64 {
+        self.covered_s
+    }
+
     /// The longest time between two of them, s.
     pub fn longest_gap_s(&self) -> f64 {
         self.longest_gap_s

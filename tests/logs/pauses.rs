@@ -207,3 +207,27 @@ fn events_without_a_time_are_of_the_time_of_what_stands_before_them() {
     near(&armed, &[(5.0, 20.0), (40.0, 55.0), (70.0, 80.0)]);
     near(&in_air, &[(10.0, 20.0), (50.0, 55.0)]);
 }
+
+#[test]
+fn fixes_of_a_few_seconds_are_nothing_to_score_against_and_receivers_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = |seconds: u32| {
+        let mut log = Told::new();
+        log.runs(0.0, 30.0);
+        for i in 0..seconds * 5 {
+            let t_s = f64::from(i) * 0.2;
+            for receiver in [0.0, 1.0] {
+                let fix = [receiver, 3.0, 0.0, 0.0, 9.0, 1.0, 47.0, 8.0, 500.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+                log.0.message("GPS", micros(t_s), &fix);
+            }
+        }
+        let log = write_log(folder.path(), "log", &log.0.bytes);
+        holdover(&["inspect", log.to_str().unwrap()]).out
+    };
+    let (few, many) = (report(3), report(20));
+    assert!(few.contains("no score: GNSS has fixes over 2.8 s alone"), "{few}");
+    assert!(many.contains("score against GNSS"), "{many}");
+    assert!(many.contains("GNSS 2"), "{many}");
+    let rates: Vec<&str> = many.lines().filter(|l| l.trim_start().starts_with("GNSS")).collect();
+    assert!(rates[..2].iter().all(|row| row.contains(" 100 ") && row.contains(" 5.0 ")), "{rates:?}");
+}

@@ -2,6 +2,7 @@
 
 mod lag;
 mod outlook;
+mod samples;
 mod sensors;
 mod vibration;
 
@@ -17,10 +18,11 @@ use crate::navigator::solution::Mode;
 use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::replay::airborne::ToldFlights;
 use crate::replay::runner::Runner;
-use crate::sample::{Airframe, Input, Reference, Sample, SampleKind};
+use crate::sample::{Airframe, Input, Reference, SampleKind};
 use crate::time::{AutopilotTime, ClockEvent};
 
 use outlook::OutlookReport;
+use samples::{KindReport, Streams};
 use sensors::{SensorReport, Sensors};
 use vibration::{LoggedImu, VibrationReport};
 
@@ -45,6 +47,8 @@ pub struct InspectArgs {
 
 /// IMU streams slower than this cannot be integrated, Hz.
 const LEAST_IMU_HZ: f64 = 20.0;
+/// Fixes over less than this, all stretches together, are nothing to compare with, s: aligning alone takes half of it.
+const LEAST_GNSS_S: f64 = 10.0;
 /// Where this message is, the log's IMU is a mean of fast samples.
 const MEANS_OF: &str = "GYR";
 /// Of many flights, so many are printed.
@@ -80,17 +84,6 @@ struct InspectReport {
     lacks: Option<String>,
     parameters: Vec<ParameterReport>,
     messages: Vec<MessageReport>,
-}
-
-#[derive(Debug, Serialize)]
-struct KindReport {
-    kind: &'static str,
-    count: u64,
-    rate_hz: Option<f64>,
-    longest_gap_s: f64,
-    /// Gaps of more than 2.5 s, which are not in the rate.
-    holes: u32,
-    missing_s: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -148,7 +141,7 @@ type MessageCounts = BTreeMap<(u8, u8, u32), (String, u64)>;
 /// What a log holds for the navigator.
 #[derive(Debug, Default)]
 struct Contents {
-    kinds: [Stretches; SampleKind::ALL.len()],
+    streams: Streams,
     truth: bool,
     airframe: Option<Airframe>,
     sensors: Sensors,
@@ -161,9 +154,7 @@ impl Contents {
         self.sensors.note(input);
         let time = match input {
             Input::Sample(s) => {
-                if !matches!(s, Sample::Gnss(g) if g.position.is_none()) {
-                    self.kinds[s.kind() as usize].note(s.time());
-                }
+                self.streams.note(s);
                 s.time()
             }
             Input::Reference(r) => {
@@ -196,18 +187,6 @@ fn message_reports(messages: MessageCounts) -> Vec<MessageReport> {
     messages.into_iter().map(report).collect()
 }
 
-fn kind_report(kind: SampleKind, s: &Stretches) -> KindReport {
-    let (holes, missing_s) = s.holes();
-    KindReport {
-        kind: kind.label(),
-        count: s.count(),
-        rate_hz: s.rate_hz(),
-        longest_gap_s: s.longest_gap_s(),
-        holes,
-        missing_s,
-    }
-}
-
 fn periods(all: Vec<(f64, f64)>) -> Vec<PeriodReport> {
     all.into_iter().map(|(from_s, to_s)| PeriodReport { from_s, to_s }).collect()
 }
@@ -220,9 +199,8 @@ fn report(
     landmarks: Option<&LandmarkSetup>,
 ) -> InspectReport {
     let duration_s = contents.duration_s();
-    let heard: [u64; SampleKind::ALL.len()] = std::array::from_fn(|i| contents.kinds[i].count());
-    let imu = &contents.kinds[SampleKind::Imu as usize];
-    let kind = |k: &SampleKind| kind_report(*k, &contents.kinds[*k as usize]);
+    let heard = contents.streams.heard();
+    let imu = contents.streams.of(SampleKind::Imu);
     let hole = |(ended, gap_s): (AutopilotTime, f64)| {
         let to_s = contents.span.map_or(0.0, |(from, _)| ended.seconds_since(from));
         PeriodReport { from_s: to_s - gap_s, to_s }
@@ -244,7 +222,7 @@ fn report(
         truncated: summary.truncated,
         reboots: summary.reboots,
         signed: summary.signed,
-        samples: SampleKind::ALL.iter().map(kind).collect(),
+        samples: contents.streams.reports(),
         imu_holes: imu.shown().map(hole).collect(),
         armed: periods(contents.told.armed(duration_s)),
         in_air: periods(contents.told.in_air(duration_s)),
@@ -253,7 +231,7 @@ fn report(
         vibration: VibrationReport::of(summary, logged),
         outlook: None,
         messages: message_reports(messages),
-        can: abilities(&heard, contents.truth, contents.airframe, landmarks),
+        can: abilities(contents, landmarks),
         lacks: lacking(&heard, imu),
         parameters: summary
             .parameters
@@ -313,12 +291,8 @@ fn name_of(entry: &Entry<'_>) -> String {
     entry.name.map_or_else(|| format!("unknown ({})", entry.id), str::to_owned)
 }
 
-fn abilities(
-    heard: &[u64; SampleKind::ALL.len()],
-    truth: bool,
-    airframe: Option<Airframe>,
-    landmarks: Option<&LandmarkSetup>,
-) -> Vec<String> {
+fn abilities(contents: &Contents, landmarks: Option<&LandmarkSetup>) -> Vec<String> {
+    let heard = contents.streams.heard();
     let has = |k: SampleKind| heard[k as usize] > 0;
     let mut can = Vec::new();
     can.push(match (has(SampleKind::Mag), has(SampleKind::Flow)) {
@@ -331,7 +305,7 @@ fn abilities(
     can.push(match (has(SampleKind::Flow), has(SampleKind::Range)) {
         (true, true) => "holdover on optical flow, its height from the rangefinder".to_owned(),
         (true, false) => "holdover on optical flow, its height from the altimeter".to_owned(),
-        (false, _) => match airframe {
+        (false, _) => match contents.airframe {
             Some(Airframe::FixedWing) if has(SampleKind::Airspeed) => {
                 "holdover on airspeed and the wind as GNSS showed it: no optical flow".to_owned()
             }
@@ -353,8 +327,11 @@ fn abilities(
     if !has(SampleKind::Pressure) {
         can.push("height from GNSS and inertia only: no barometer".to_owned());
     }
-    can.push(if truth {
+    let fixed_s = contents.streams.of(SampleKind::Gnss).covered_s();
+    can.push(if contents.truth {
         "score against the simulator's truth".to_owned()
+    } else if fixed_s < LEAST_GNSS_S {
+        format!("no score: GNSS has fixes over {fixed_s:.1} s alone, and there is no truth in this log")
     } else {
         "score against GNSS (no truth in this log)".to_owned()
     });
@@ -412,21 +389,7 @@ fn print_sensors(sensors: &[SensorReport]) {
 }
 
 fn print_samples(r: &InspectReport) {
-    outln!("\nSamples");
-    let mut table = Table::new(&["", "count", "Hz", "longest gap s", "holes", "missing s"]);
-    for s in r.samples.iter().filter(|s| s.count > 0) {
-        let rate = super::table::number(s.rate_hz, 1);
-        let (holes, missing) = (s.holes.to_string(), format!("{:.1}", s.missing_s));
-        table.row(vec![
-            s.kind.into(),
-            s.count.to_string(),
-            rate,
-            format!("{:.2}", s.longest_gap_s),
-            holes,
-            missing,
-        ]);
-    }
-    table.print();
+    samples::print(&r.samples);
     for hole in &r.imu_holes {
         outln!("  no IMU from {:.1} to {:.1} s", hole.from_s, hole.to_s);
     }
