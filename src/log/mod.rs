@@ -228,6 +228,14 @@ fn recognised(file: &LogFile) -> io::Result<(Result<LogFormat, String>, Option<S
     Ok((format::recognise(&first), progress.ended()))
 }
 
+/// What a cause is about, where its name does not say it of a log.
+fn explained(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Unconfirmed => " (a time of day, or a kind of vehicle, other than was told before)",
+        _ => "",
+    }
+}
+
 impl LogSummary {
     /// Bytes that belong to no message.
     pub fn skipped_bytes(&self) -> u64 {
@@ -237,7 +245,8 @@ impl LogSummary {
     /// What is to be said of the log, a line each: what was not used, what was put right, where it breaks off.
     pub fn remarks(&self) -> Vec<String> {
         let mut remarks = Vec::new();
-        let rejects: Vec<String> = self.counters.seen().map(|(c, n)| format!("{n} {}", c.label())).collect();
+        let rejects: Vec<String> =
+            self.counters.seen().map(|(c, n)| format!("{n} {}{}", c.label(), explained(c))).collect();
         if !rejects.is_empty() {
             remarks.push(format!("not used: {}", rejects.join(", ")));
         }

@@ -209,6 +209,20 @@ fn events_without_a_time_are_of_the_time_of_what_stands_before_them() {
 }
 
 #[test]
+fn a_time_of_day_that_is_not_believed_is_called_so() {
+    let mut log = Told::new();
+    for i in 0..4u32 {
+        let t_s = f64::from(i) * 0.2;
+        log.runs(t_s, t_s + 0.18);
+        let milliseconds = if i == 0 { 1000.0 } else { 19_000.0 } + t_s * 1e3;
+        let fix = [0.0, 3.0, milliseconds, 2300.0, 9.0, 1.0, 47.0, 8.0, 500.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        log.0.message("GPS", micros(t_s), &fix);
+    }
+    let remarks = log.read().1.remarks();
+    assert!(remarks.iter().any(|r| r.contains("3 unconfirmed (a time of day")), "{remarks:?}");
+}
+
+#[test]
 fn fixes_of_a_few_seconds_are_nothing_to_score_against_and_receivers_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let report = |seconds: u32| {
