@@ -245,3 +245,18 @@ fn fixes_of_a_few_seconds_are_nothing_to_score_against_and_receivers_are_told_ap
     let rates: Vec<&str> = many.lines().filter(|l| l.trim_start().starts_with("GNSS")).collect();
     assert!(rates[..2].iter().all(|row| row.contains(" 100 ") && row.contains(" 5.0 ")), "{rates:?}");
 }
+
+#[test]
+fn a_ulog_of_another_autopilot_says_that_nothing_in_it_is_known() {
+    let mut file = UlogFile::new(&[]);
+    for i in 0..20 {
+        let us = 2_000_000 + i * 100_000;
+        file.data("PathPlanner", "float target", us, Fields::default().f32(1.0));
+        file.data("Vehicle", "float thrust", us, Fields::default().f32(1.0));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let log = write_log(folder.path(), "log", &file.bytes);
+    let text = holdover(&["inspect", log.to_str().unwrap()]).out;
+    assert!(text.contains("another autopilot (system 1), ULog"), "{text}");
+    assert!(text.contains("none of its messages is known (PathPlanner, Vehicle)"), "{text}");
+}

@@ -35,6 +35,11 @@ const SINCE_1970_US: u64 = 1_000_000_000_000_000;
 /// Subscriptions beyond this are none of a log's, nor of several that were appended to each other.
 const MOST_SUBSCRIPTIONS: usize = 4096;
 
+/// Whoever else writes ULogs (`MAV_AUTOPILOT_GENERIC`).
+const ANOTHER: AutopilotKind = AutopilotKind::Other(0);
+/// Topics that are named to whoever reads of a log in which none is known.
+const NAMED: usize = 3;
+
 /// What a topic becomes, from the fields that it needs; those of every version that has other ones.
 struct Topic {
     name: &'static str,
@@ -122,6 +127,9 @@ fn land_detected(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
 struct Introduction {
     system: Option<u8>,
     version: Option<FirmwareVersion>,
+    /// It declares formats, and whether one of them is of a topic that is known.
+    declared: bool,
+    known: bool,
 }
 
 /// The vehicle that wrote a log; `None` if there is not a message in it.
@@ -132,6 +140,12 @@ pub(super) fn vehicle(bytes: impl Read) -> io::Result<Option<Vehicle>> {
         any = true;
         match message.kind {
             b'D' | b'A' => break,
+            b'F' => {
+                let name = message.payload.split(|b| *b == b':').next();
+                let name = name.and_then(|name| std::str::from_utf8(name).ok()).unwrap_or_default();
+                told.declared = true;
+                told.known |= topic(name).is_some();
+            }
             b'P' => {
                 if let Some(("MAV_SYS_ID", id)) = parameter(message.payload) {
                     told.system = Some(id as u8);
@@ -152,7 +166,7 @@ pub(super) fn vehicle(bytes: impl Read) -> io::Result<Option<Vehicle>> {
     Ok(any.then_some(Vehicle {
         system: SystemId(told.system.unwrap_or(1)),
         component: ComponentId::AUTOPILOT,
-        autopilot: AutopilotKind::Px4,
+        autopilot: if told.known || !told.declared { AutopilotKind::Px4 } else { ANOTHER },
         vehicle_type: 0,
         armed: false,
         version: told.version,
@@ -231,6 +245,7 @@ pub(super) fn play(bytes: impl Read, vehicle: &Vehicle, to: &mut Listener<'_>) -
         let seconds = reading.dropped_ms as f64 * 1e-3;
         notes.push(format!("the logger dropped data {} times, {seconds:.1} s in all", reading.dropouts));
     }
+    notes.extend(reading.of_another());
     Ok(LogSummary {
         frames: reading.frames,
         truncated: reader.truncated,
@@ -251,6 +266,25 @@ fn offsets(flags: &[u8]) -> impl Iterator<Item = u64> + '_ {
 }
 
 impl UlogPlay {
+    /// What is to be said of a log that holds topics, and none that is known.
+    fn of_another(&self) -> Option<String> {
+        let mut names: Vec<&str> = self.subscriptions.values().map(|s| s.name.as_str()).collect();
+        if names.is_empty() || self.subscriptions.values().any(|s| s.topic.is_some()) {
+            return None;
+        }
+        names.sort_unstable();
+        names.dedup();
+        let more = match names.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            n => format!(" and {n} more"),
+        };
+        names.truncate(NAMED);
+        let names = names.join(", ");
+        Some(format!(
+            "none of its messages is known ({names}{more}): it is not of PX4, or holds nothing of use"
+        ))
+    }
+
     /// A message that is no data.
     fn other(&mut self, kind: u8, payload: &[u8]) {
         match kind {

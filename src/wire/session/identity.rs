@@ -58,6 +58,8 @@ impl fmt::Display for AutopilotKind {
         match self {
             AutopilotKind::ArduPilot => f.write_str("ArduPilot"),
             AutopilotKind::Px4 => f.write_str("PX4"),
+            // `MAV_AUTOPILOT_GENERIC`.
+            AutopilotKind::Other(0) => f.write_str("another autopilot"),
             AutopilotKind::Other(number) => write!(f, "autopilot {number}"),
         }
     }
