@@ -117,3 +117,22 @@ fn unmeasured(beside: &TimeBeside) -> String {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_missing_for_a_measurement_is_said() {
+        let why = |trusted_s, flown_s, unseen_s| unmeasured(&TimeBeside { trusted_s, flown_s, unseen_s });
+        assert!(why(5.0, 5.0, 0.0).starts_with("5 s with good GNSS"));
+        // A slow multirotor whose log begins with arming.
+        let hover = why(146.0, 6.0, 140.0);
+        assert!(hover.contains("for 140 of 146 s") && hover.contains("hovered or stood"), "{hover}");
+        // It stood.
+        assert_eq!(
+            why(100.0, 8.0, 0.0),
+            "of 100 s with good GNSS it flew for 8 s, and never for ten in one piece"
+        );
+    }
+}
