@@ -90,17 +90,9 @@ impl GnssByAir {
     /// By how much it is more likely, ln, that the wind blows as it did, and there was no step of `step`, NE, m/s, of the receiver's velocity `seconds` ago; 0 where the
     /// air was not heard for long enough before and after.
     pub(in super::super) fn refutes(&self, seconds: f64, step: &Vector2<f64>) -> f64 {
-        self.against(seconds, step).unwrap_or(0.0)
-    }
-
-    fn against(&self, seconds: f64, step: &Vector2<f64>) -> Option<f64> {
-        let mut since = 0.0;
-        let after = self.blocks.newest(BLOCKS).take_while(|block| {
-            since += block.seconds;
-            since <= seconds
-        });
-        let sums = self.around(after.count())?;
-        Some(sums.against(step, &prior())? / (2.0 * self.usual.variance().max(1.0)))
+        let sums = self.around(self.blocks.within(seconds));
+        let against = sums.and_then(|sums| sums.against(step, &prior()));
+        against.map_or(0.0, |against| against / (2.0 * self.usual.variance().max(1.0)))
     }
 
     /// What a step in the middle of the last blocks explains.
@@ -191,5 +183,22 @@ mod tests {
         assert!(air.refutes(10.0, &step) > 0.0);
         air.tell(AutopilotTime::from_micros(41_000_000), Vector2::repeat(f64::NAN), Vector2::zeros());
         assert!(air.refutes(10.0, &step).is_finite());
+    }
+
+    /// Its onset is found by time: a silence since is none of the blocks.
+    #[test]
+    fn a_silence_behind_a_step_does_not_move_it() {
+        let mut air = GnssByAir::new();
+        for k in 0..900 {
+            let (t, time) = (0.1 * f64::from(k), AutopilotTime::from_micros(100_000 * i64::from(k)));
+            if !(50.0..70.0).contains(&t) {
+                air.tell(time, Vector2::new(20.0, 0.0), Vector2::zeros());
+            }
+            let wander = Vector2::new((5.0 * t).sin(), (7.0 * t).cos()) * 0.1;
+            let walked = Vector2::new(0.0, 1.5 * (t - 30.0).max(0.0));
+            air.fix([time; 2], Vector2::new(20.0 * t, 0.0) + walked + wander, t > 30.0);
+        }
+        let refuted = air.refutes(59.9, &Vector2::new(0.0, 1.5));
+        assert!(refuted < -1.0, "{refuted}");
     }
 }

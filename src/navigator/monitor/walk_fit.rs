@@ -81,7 +81,9 @@ mod tests {
             sensitivity.set_column(2, &Vector2::new(speed, 0.0));
             sensitivity.set_column(3, &Vector2::new(0.0, speed));
             let gap_ne = walk + noise;
-            blocks.push(WitnessBlock { seconds: 1.0, walked_s: 1.0, gap_ne, sensitivity, follows: k > 0 });
+            let block =
+                WitnessBlock { seconds: 1.0, walked_s: 1.0, gap_ne, sensitivity, ..WitnessBlock::default() };
+            blocks.push(WitnessBlock { follows: k > 0, ..block });
         }
         WalkSums::of(&blocks, &NoiseAndWalk::expecting(0.1, 0.05, 60.0))
     }

@@ -24,6 +24,8 @@ pub(super) struct WitnessBlock {
     pub(super) sensitivity: Matrix2x4<f64>,
     /// It begins where the one before has ended.
     pub(super) follows: bool,
+    /// When it ended.
+    pub(super) ended: Option<AutopilotTime>,
 }
 
 impl WitnessBlock {
@@ -93,6 +95,13 @@ impl WitnessBlocks {
         self.blocks.iter().rev().take(n)
     }
 
+    /// How many have ended, by the most of them, within the last `seconds` s: there may be holes between them.
+    pub(super) fn within(&self, seconds: f64) -> usize {
+        let Some(last) = &self.last else { return 0 };
+        let middle_s = |b: &WitnessBlock| b.ended.map(|t| last.times[1].seconds_since(t) + 0.5 * b.seconds);
+        self.blocks.iter().rev().take_while(|b| middle_s(b).is_some_and(|s| s <= seconds)).count()
+    }
+
     /// Whether the witness was heard at the last fix.
     pub(super) fn watches(&self) -> bool {
         self.last.is_some_and(|l| l.place.is_some())
@@ -147,6 +156,7 @@ impl WitnessBlocks {
             return BlockStep::Goes;
         }
         open.walked_s = open.seconds;
+        open.ended = Some(times[1]);
         let next = WitnessBlock { follows: true, ..WitnessBlock::default() };
         let block = std::mem::replace(open, next);
         if block.rate().norm() > self.fastest_mps {
