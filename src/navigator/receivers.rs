@@ -4,6 +4,8 @@
 //! for half a second, the other takes over with all that is known of it, if it is trusted itself. Where two that pass every test are further
 //! apart than is usual for them, one of them lies, and nobody can say which: both are suspect, and the uncertainty says so.
 
+use nalgebra::Vector2;
+
 use crate::navigator::tuning::receiver_lie::CARRIED_S;
 use crate::sample::GnssSample;
 use crate::time::{AutopilotTime, Span};
@@ -15,7 +17,7 @@ use super::judge::{self, Charge};
 use super::monitor::GnssFault;
 use super::monitor::gnss_integrity::Standing;
 use super::monitor::receiver_lie::{ReceiverFinding, ShownLie};
-use super::monitor::velocity_step::{FeltVelocity, VelocitySteps};
+use super::monitor::velocity_step::{FeltVelocity, VelocityLie, VelocitySteps};
 use super::reset::Reset;
 use super::solution::Mode;
 use super::sources::SourceSet;
@@ -118,15 +120,22 @@ pub(super) fn hear_inertia(
         velocity,
         impulse: impulse.xy(),
         epoch: core.timeline.epoch(),
-        judged: core.mode == Mode::Aided && flies && sound && core.estimator.has_error_state(),
+        judged: core.mode == Mode::Aided && sound && core.estimator.has_error_state(),
+        flies,
         error: reading.velocity_error,
         sigma: core.estimator.speed_sigma().unwrap_or(f64::INFINITY),
         position_sigma: position_sigma.unwrap_or(f64::INFINITY),
     });
     let gnss = &mut sources.gnss;
+    let known = gnss.travel.covariance();
+    let refutes = |seconds: f64, step: &Vector2<f64>| {
+        let by_flow = gnss.witness.refutes(seconds, step, velocity.norm(), known);
+        [by_flow, gnss.air.refutes(seconds, step)].into_iter().flatten().reduce(std::ops::Add::add)
+    };
+    gnss.steps.weigh_hunches(reading.measured, refutes);
     if let Some((seconds, step)) = gnss.steps.doubted(reading.measured) {
-        let by_flow = gnss.witness.refutes(seconds, &step, velocity.norm(), gnss.travel.covariance());
-        gnss.steps.hear_witnesses(by_flow + gnss.air.refutes(seconds, &step));
+        let refuted = refutes(seconds, &step);
+        gnss.steps.hear_witnesses(refuted);
     }
     let steps = &mut gnss.steps;
     if steps.take_cleared() {
@@ -159,7 +168,9 @@ pub(super) fn judge_innovations(
             }
             return;
         }
-        Some(ReceiverFinding::Suspected(lie)) => return gnss.steps.suspect(now, since(&lie), lie.step),
+        Some(ReceiverFinding::Suspected(lie)) => {
+            return gnss.steps.suspect(now, VelocityLie::new(since(&lie), lie.step), lie.odds);
+        }
         Some(ReceiverFinding::Lies(lie)) => lie,
     };
     let Some(moved) = core.estimator.believe_receiver_lies(lie.window) else { return };

@@ -13,7 +13,8 @@ use super::usual::UsualSpread;
 use super::walk_fit::WalkSums;
 use super::witness_blocks::{BlockStep, WitnessBlock, WitnessBlocks};
 use crate::navigator::tuning::gnss_by_air::{
-    BLOCKS, CLIPPED_DECADES, FIRM, HOLE_S, LEAST_SIDE, MEMORY, SCALE, SIDE, SPREAD, TURN, WIND_MPS,
+    AFTER, BEFORE, BLOCKS, CLIPPED_DECADES, FIRM, HOLE_S, JUMP_M, LEAST_AFTER, LEAST_BEFORE, MEMORY, SCALE,
+    SIDE, SPREAD, TURN, WIND_MPS,
 };
 use crate::navigator::tuning::witness_blocks::WALK_SIGMA_MPS;
 use crate::time::AutopilotTime;
@@ -35,7 +36,7 @@ impl GnssByAir {
     pub(in super::super) fn new() -> Self {
         Self {
             path: TravelPath::new(HOLE_S),
-            blocks: WitnessBlocks::new(BLOCKS, f64::INFINITY),
+            blocks: WitnessBlocks::new(BLOCKS, f64::INFINITY, JUMP_M),
             wind_ne: None,
             usual: UsualSpread::expecting(SPREAD, FIRM),
             due: 2 * SIDE,
@@ -74,8 +75,11 @@ impl GnssByAir {
         doubted: bool,
     ) {
         let place = self.path.at(times[1]);
-        if self.blocks.fix(times, position_ne, place) != BlockStep::Closed {
-            return;
+        match self.blocks.fix(times, position_ne, place) {
+            BlockStep::Closed => {}
+            BlockStep::Goes => return,
+            // What slow fixes part by may be the wind: it is counted from as it is known by now.
+            BlockStep::Jumped => return self.interrupt(),
         }
         if doubted {
             self.due = 2 * SIDE;
@@ -87,34 +91,29 @@ impl GnssByAir {
         }
     }
 
-    /// By how much it is more likely, ln, that the wind blows as it did, and there was no step of `step`, NE, m/s, of the receiver's velocity `seconds` ago; 0 where the
+    /// By how much it is more likely, ln, that the wind blows as it did, and there was no step of `step`, NE, m/s, of the receiver's velocity `seconds` ago; `None` where the
     /// air was not heard for long enough before and after.
-    pub(in super::super) fn refutes(&self, seconds: f64, step: &Vector2<f64>) -> f64 {
-        let sums = self.around(self.blocks.within(seconds));
-        let against = sums.and_then(|sums| sums.against(step, &prior()));
-        against.map_or(0.0, |against| against / (2.0 * self.usual.variance().max(1.0)))
+    pub(in super::super) fn refutes(&self, seconds: f64, step: &Vector2<f64>) -> Option<f64> {
+        let sums = self.around(self.blocks.within(seconds), [BEFORE, AFTER])?;
+        Some(sums.against(step, &prior())? / (2.0 * self.usual.variance().max(1.0)))
     }
 
     /// What a step in the middle of the last blocks explains.
     fn step_in_the_middle(&self) -> Option<f64> {
-        let sums = self.around(SIDE)?;
+        let sums = self.around(SIDE, [SIDE; 2])?;
         let (nothing, _) = sums.explained(1e-6, &prior())?;
         let (step, _) = sums.explained(WALK_SIGMA_MPS, &prior())?;
         Some(step - nothing)
     }
 
-    /// The blocks around an onset that is `after` blocks ago, in one piece.
-    fn around(&self, after: usize) -> Option<WalkSums> {
+    /// The blocks around an onset that is `after` blocks ago, so many of them before and after it. A silence between them leaves the wind as it was.
+    fn around(&self, after: usize, [most_before, most_after]: [usize; 2]) -> Option<WalkSums> {
         let all = self.blocks.all();
         let onset = all.len().checked_sub(after)?;
-        let to = (onset + SIDE).min(all.len());
-        let mut from = onset.saturating_sub(SIDE);
-        // Where it was interrupted begins another wind.
-        if let Some(broken) = all[from..to].iter().rposition(|block| !block.follows) {
-            from += broken;
-        }
-        let mut window = [WitnessBlock::default(); 2 * SIDE];
-        if onset < from + LEAST_SIDE || to < onset + LEAST_SIDE {
+        let to = (onset + most_after).min(all.len());
+        let from = onset.saturating_sub(most_before);
+        let mut window = [WitnessBlock::default(); BEFORE + AFTER];
+        if onset < from + LEAST_BEFORE || to < onset + LEAST_AFTER {
             return None;
         }
         for (at, (copy, block)) in window.iter_mut().zip(&all[from..to]).enumerate() {
@@ -153,7 +152,7 @@ mod tests {
                 air.fix([time; 2], p + wander, t > 129.0);
             }
         }
-        air.refutes(20.0, &Vector2::new(0.0, 1.5))
+        air.refutes(20.0, &Vector2::new(0.0, 1.5)).unwrap()
     }
 
     #[test]
@@ -170,7 +169,7 @@ mod tests {
     fn who_has_not_heard_the_air_for_long_enough_says_nothing() {
         let mut air = GnssByAir::new();
         let step = Vector2::new(0.0, 1.5);
-        assert_eq!(air.refutes(20.0, &step), 0.0);
+        assert_eq!(air.refutes(20.0, &step), None);
         for k in 0..400 {
             let (t, time) = (0.1 * f64::from(k), AutopilotTime::from_micros(100_000 * i64::from(k)));
             // It is silent for some seconds in the middle.
@@ -179,10 +178,11 @@ mod tests {
             }
             air.fix([time; 2], Vector2::new(20.0 * t, 0.0), false);
         }
-        assert_eq!(air.refutes(22.0, &step), 0.0, "before the silence");
-        assert!(air.refutes(10.0, &step) > 0.0);
+        let says = |air: &GnssByAir, seconds: f64| air.refutes(seconds, &step).unwrap_or(f64::NAN);
+        assert!(says(&air, 22.0) > 0.0 && says(&air, 10.0) > 0.0, "a silence leaves the wind");
+        assert!(says(&air, 2.0).is_nan() && says(&air, 36.0).is_nan(), "too little after, and before");
         air.tell(AutopilotTime::from_micros(41_000_000), Vector2::repeat(f64::NAN), Vector2::zeros());
-        assert!(air.refutes(10.0, &step).is_finite());
+        assert!(says(&air, 10.0).is_finite());
     }
 
     /// Its onset is found by time: a silence since is none of the blocks.
@@ -198,7 +198,7 @@ mod tests {
             let walked = Vector2::new(0.0, 1.5 * (t - 30.0).max(0.0));
             air.fix([time; 2], Vector2::new(20.0 * t, 0.0) + walked + wander, t > 30.0);
         }
-        let refuted = air.refutes(59.9, &Vector2::new(0.0, 1.5));
+        let refuted = air.refutes(59.9, &Vector2::new(0.0, 1.5)).unwrap();
         assert!(refuted < -1.0, "{refuted}");
     }
 }

@@ -20,8 +20,8 @@ use super::usual::UsualSpread;
 use super::walk_fit::WalkSums;
 use super::witness_blocks::{BlockStep, WitnessBlock, WitnessBlocks};
 use crate::navigator::tuning::gnss_by_flow::{
-    BLOCKS, CHANGED, CLEAR_OF, CONFIRMED, DECADES, DOUBT_DECADES, FIRM, GRAVE_DECADES, LEAST_MPS, LEAST_PART,
-    LEAST_WALK_M, MEMORY, MOST_MPS, ONSETS, RESTORED, RIVAL, SPREAD, WANDER, WINDOWS,
+    BLOCKS, CHANGED, CLEAR_OF, CONFIRMED, DECADES, DOUBT_DECADES, FIRM, GRAVE_DECADES, JUMP_M, LEAST_MPS,
+    LEAST_PART, LEAST_WALK_M, MEMORY, MOST_MPS, ONSETS, RESTORED, RIVAL, SPREAD, WANDER, WINDOWS,
 };
 use crate::navigator::tuning::witness_blocks::{BLOCK_S, WALK_SIGMA_MPS, WITNESSES};
 
@@ -94,7 +94,7 @@ impl GnssByFlow {
     pub(in super::super) fn new() -> Self {
         let window = WitnessWindow { usual: UsualSpread::expecting(SPREAD, FIRM), due: 0, pending: None };
         Self {
-            blocks: WitnessBlocks::new(BLOCKS, MOST_MPS),
+            blocks: WitnessBlocks::new(BLOCKS, MOST_MPS, JUMP_M),
             windows: [window; WINDOWS.len()],
             doubted: false,
             may_have_led: Vector2::zeros(),
@@ -133,7 +133,7 @@ impl GnssByFlow {
         Some(WalkSums::of(blocks, &self.blocks.noise).against(step, &prior)? / (2.0 * usual))
     }
 
-    /// By how much a step that inertia suspects is more likely none, ln; 0 where the flow has not watched from its beginning, or sees a walk itself. (Flow that is new to the
+    /// By how much a step that inertia suspects is more likely none, ln; `None` where the flow has not watched from its beginning, or sees a walk itself. (Flow that is new to the
     /// walk may have learned from it. What its scale and heading change by on the way is in proportion to the speed: the less a walk would show beside that, the less
     /// is that it does not.)
     pub(in super::super) fn refutes(
@@ -142,12 +142,12 @@ impl GnssByFlow {
         step: &Vector2<f64>,
         speed_mps: f64,
         known: Option<&Matrix4<f64>>,
-    ) -> f64 {
+    ) -> Option<f64> {
         let watched_s = self.blocks.all().len() as f64 * BLOCK_S;
         let whole = seconds >= CLEARS_S && watched_s >= seconds.min(LONGEST_S);
         let shows = step.norm() / (CLEARLY * LEAST_MPS.max(LEAST_PART * speed_mps));
         let against = self.weighs(seconds, step, known).filter(|_| whole && !self.doubts());
-        against.map_or(0.0, |against| against * (shows * shows).min(1.0))
+        against.map(|against| against * (shows * shows).min(1.0))
     }
 
     /// Whether the flow shows that the receiver does not walk any more as it did.

@@ -18,6 +18,7 @@ pub(super) mod outage;
 pub(super) mod plausibility;
 pub(super) mod receiver_lie;
 mod step_fit;
+mod step_look;
 pub(super) mod travel_path;
 pub(super) mod unexplained;
 pub(super) mod usual;

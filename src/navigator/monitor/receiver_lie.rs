@@ -27,6 +27,8 @@ pub(in super::super) struct ShownLie {
     /// What it explains, and the most that anything else does, as squares of sigmas.
     square: f64,
     rival: f64,
+    /// Odds that it is one, ln: what it explains, in what is usual, against how unlikely it was before anything was seen.
+    pub(in super::super) odds: f64,
 }
 
 impl ShownLie {
@@ -39,6 +41,7 @@ impl ShownLie {
             step: window.receiver_step(),
             square: window.explained_by_receiver(),
             rival: squares.fold(0.0, f64::max),
+            odds: 0.0,
         }
     }
 }
@@ -87,8 +90,9 @@ impl ReceiverLies {
         let shown = old.map(|(number, window)| ShownLie::by(number, window));
         let shown = shown.max_by(|a, b| a.square.total_cmp(&b.square))?;
         let unit = self.usual.variance().max(1.0);
+        let shown = ShownLie { odds: shown.square / (2.0 * unit) - UNLIKELY, ..shown };
         let likely = self.learned >= LEARNED
-            && shown.square > 2.0 * UNLIKELY * unit
+            && shown.odds > 0.0
             && shown.square - shown.rival > CLEAR_OF * unit
             && shown.step.norm() > LEAST_MPS;
         let beyond = likely && shown.square > self.usual.limit(DECADES);

@@ -67,6 +67,13 @@ impl UsualPeak {
         self.mean + beta * (self.n * (10f64.powf(decades / self.n) - 1.0) - EULER)
     }
 
+    /// How rarely a peak is so high: with a probability of 10^−d.
+    pub(in super::super) fn decades(&self, peak: f64) -> f64 {
+        let beta = (6.0 * self.variance).sqrt() / std::f64::consts::PI;
+        let beyond = ((peak - self.mean) / beta + EULER).max(0.0);
+        self.n * (1.0 + beyond / self.n).log10()
+    }
+
     /// The same, were β no less than the mean: peaks of a flight that has shown little so far say nothing of what it will show.
     pub(in super::super) fn wide_limit(&self, decades: f64) -> f64 {
         self.limit(decades).max(self.mean * self.n * (10f64.powf(decades / self.n) - 1.0))
@@ -125,6 +132,7 @@ mod tests {
                 usual.learn(peak(), 60.0);
             }
             beyond += i32::from(peak() > usual.limit(2.0));
+            assert!((usual.decades(usual.limit(2.5)) - 2.5).abs() < 1e-9);
         }
         let share = f64::from(beyond) / f64::from(trials);
         assert!((0.004..0.014).contains(&share), "{share}");

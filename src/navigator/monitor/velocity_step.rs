@@ -17,14 +17,14 @@ use nalgebra::Vector2;
 
 use super::difference_noise::DifferenceNoise;
 use super::step_fit::{FittedSteps, FixWithImpulse, NUISANCES, VelocityStep, best_steps};
+use super::step_look::{StepHunches, StepLook, UsualStep};
 use super::usual::UsualPeak;
 use super::velocity_doubt::{DoubtKind, VelocityDoubt};
 use crate::navigator::tuning::velocity_step::{
-    AT_ONCE, BACK, BACK_S, BORNE_OUT_S, CLEAR_OF, DECADES, DOUBT_DECADES, FIRM, HOLE_S, KNOWN, LEARN_S,
-    LEARNED, LEAST_LED_M, LEAST_MPS, LEAVES, LOOK_S, MEMORY, ONCE_S, PARTED_S, PEAK, PEAK_DEVIATION, SAME_S,
-    SAMPLES, SPACING_S, SPARE_GAIN, STILL, STILL_SAME_S, WINDOW_S,
+    AT_ONCE, BACK, BACK_S, BORNE_OUT_S, DECADES, DOUBT_DECADES, FIRM, GROUND_NOISE_MPS, HOLE_S, KNOWN,
+    LEARN_S, LEARNED, LEAST_LED_M, LEAVES, LOOK_S, MEMORY, ONCE_S, PARTED_S, PEAK, PEAK_DEVIATION, SAME_S,
+    SAMPLES, SPACING_S, SPARE_GAIN, STANDS_MPS2, STILL, STILL_SAME_S, WINDOW_S,
 };
-use crate::navigator::tuning::witness_blocks::WITNESSES;
 use crate::time::{AutopilotTime, Span};
 
 /// What is compared at a fix, NE, m/s.
@@ -37,6 +37,8 @@ pub(in super::super) struct FeltVelocity {
     pub(in super::super) epoch: u32,
     /// GNSS is navigated on, and inertia is sound.
     pub(in super::super) judged: bool,
+    /// On the ground all is calm: that shows nothing of what is usual in the air.
+    pub(in super::super) flies: bool,
     /// Against the estimate, which other sources carry, and how well that is known, m/s.
     pub(in super::super) error: Option<Vector2<f64>>,
     pub(in super::super) sigma: f64,
@@ -50,58 +52,14 @@ pub(in super::super) struct VelocityLie {
     /// When it began.
     pub(in super::super) since: AutopilotTime,
     /// NE, m/s.
-    step: Vector2<f64>,
+    pub(super) step: Vector2<f64>,
     /// What it did to the estimate is undone.
     pub(in super::super) undone: bool,
 }
 
 impl VelocityLie {
-    pub(super) fn new(since: AutopilotTime, step: Vector2<f64>) -> Self {
+    pub(in super::super) fn new(since: AutopilotTime, step: Vector2<f64>) -> Self {
         Self { since, step, undone: false }
-    }
-}
-
-/// What a look at the last seconds shows: the best step, what it explains, what it leaves, and what of that is beyond the noise, as squares of sigmas.
-#[derive(Clone, Copy, Debug)]
-struct StepLook {
-    begun: VelocityLie,
-    square: f64,
-    left: f64,
-    unexplained: f64,
-    /// Too small, or a kink.
-    is_none: bool,
-}
-
-impl StepLook {
-    /// With a noise variance, (m/s)², and degrees of freedom.
-    fn of(step: &VelocityStep, noise: f64, degrees: f64) -> Self {
-        Self {
-            begun: VelocityLie::new(step.since, step.size),
-            square: step.gain / noise,
-            left: step.left / noise,
-            unexplained: (step.left / noise - degrees).max(0.0),
-            is_none: step.size.norm() <= LEAST_MPS || (step.gain - step.kink) / noise <= CLEAR_OF,
-        }
-    }
-
-    /// Whether it explains more than `limit`, and leaves less than that beyond the noise. Manoeuvres that are sampled badly leave more.
-    fn exceeds(&self, limit: f64) -> bool {
-        !self.is_none && self.square > limit && self.unexplained < self.square
-    }
-}
-
-/// How much the best of all steps usually explains. The last one waits until nothing is suspected of it any more.
-#[derive(Clone, Copy, Debug)]
-struct UsualStep {
-    peak: UsualPeak,
-    pending: Option<f64>,
-}
-
-impl UsualStep {
-    fn learn(&mut self, square: Option<f64>) {
-        if let Some(square) = std::mem::replace(&mut self.pending, square) {
-            self.peak.learn(square.min(self.peak.limit(DECADES)), MEMORY);
-        }
     }
 }
 
@@ -130,6 +88,8 @@ pub(in super::super) struct VelocitySteps {
     not_shared: f64,
     /// What may be one.
     doubt: Option<VelocityDoubt>,
+    /// What is too little for that.
+    hunches: StepHunches,
     cleared: bool,
     /// For how long GNSS has agreed with what carries, s.
     agrees_since: Option<AutopilotTime>,
@@ -149,6 +109,7 @@ impl VelocitySteps {
             lie: None,
             not_shared: 0.0,
             doubt: None,
+            hunches: StepHunches::default(),
             cleared: false,
             agrees_since: None,
         }
@@ -199,11 +160,15 @@ impl VelocitySteps {
         (self.not_shared, self.agrees_since) = (0.0, None);
     }
 
-    /// They show what may be one.
-    pub(in super::super) fn suspect(&mut self, now: AutopilotTime, since: AutopilotTime, step: Vector2<f64>) {
-        if self.lie.is_none() && self.doubt.is_none_or(|d| d.kind == DoubtKind::Young) {
-            let lie = VelocityLie::new(since, step);
-            self.doubt = Some(VelocityDoubt::of(lie, now, DoubtKind::Likely));
+    /// They show what may be one, with these odds, ln.
+    pub(in super::super) fn suspect(&mut self, now: AutopilotTime, lie: VelocityLie, odds: f64) {
+        match &mut self.doubt {
+            Some(doubt) if doubt.kind == DoubtKind::Suspected => doubt.odds = doubt.odds.max(odds),
+            Some(doubt) if doubt.kind != DoubtKind::Young => {}
+            _ if self.lie.is_some() => {}
+            doubt => {
+                *doubt = Some(VelocityDoubt { odds, ..VelocityDoubt::of(lie, now, DoubtKind::Suspected) })
+            }
         }
     }
 
@@ -212,19 +177,34 @@ impl VelocitySteps {
         self.doubt = self.doubt.map(|d| VelocityDoubt::of(d.lie, now, DoubtKind::Charged));
     }
 
-    /// By how much, ln, flow and air find it more likely now that what is doubted is no lie.
-    pub(in super::super) fn hear_witnesses(&mut self, refuted: f64) {
-        if let Some(doubt) = self.doubt.as_mut().filter(|_| refuted.is_finite()) {
+    /// By how much, ln, flow and air find it more likely now that what is doubted is no lie; who can say nothing any more leaves it at what was said.
+    pub(in super::super) fn hear_witnesses(&mut self, refuted: Option<f64>) {
+        let Some(refuted) = refuted.filter(|r| r.is_finite()) else { return };
+        if let Some(doubt) = self.doubt.as_mut() {
             doubt.refuted = refuted;
         }
-        if refuted > WITNESSES && self.doubt.is_some_and(|d| d.kind != DoubtKind::Charged) {
+        if self.doubt.is_some_and(|d| d.is_refuted()) {
             self.clear();
+        }
+    }
+
+    /// Where nothing is in doubt, flow and air weigh what inertia alone would say nothing of: by how much, ln, is a step that began so long ago, s, of this size, NE,
+    /// m/s, more likely none?
+    pub(in super::super) fn weigh_hunches(
+        &mut self,
+        now: AutopilotTime,
+        refutes: impl Fn(f64, &Vector2<f64>) -> Option<f64>,
+    ) {
+        let free = self.lie.is_none() && self.doubt.is_none_or(|d| d.kind == DoubtKind::Young);
+        if let Some((lie, odds)) = self.hunches.weigh(now, refutes).filter(|_| free) {
+            self.doubt = Some(VelocityDoubt::witnessed(lie, odds));
         }
     }
 
     /// Another witness has seen that it is no lie: what it explained is usual.
     pub(in super::super) fn clear(&mut self) {
         if let Some(doubt) = self.doubt.take() {
+            self.hunches.forget(&doubt.lie);
             self.came_to_nothing(&doubt);
             self.cleared = true;
         }
@@ -237,7 +217,7 @@ impl VelocitySteps {
 
     /// What the filter's innovations suspected: since when, NE, m/s.
     pub(in super::super) fn suspected(&self) -> Option<AutopilotTime> {
-        self.doubt.filter(|d| d.kind == DoubtKind::Likely && d.look.is_none()).map(|d| d.lie.since)
+        self.doubt.filter(|d| d.kind == DoubtKind::Suspected).map(|d| d.lie.since)
     }
 
     fn came_to_nothing(&mut self, doubt: &VelocityDoubt) {
@@ -262,6 +242,7 @@ impl VelocitySteps {
     pub(in super::super) fn forget(&mut self) {
         self.felt.clear();
         (self.lie, self.doubt, self.candidate) = (None, None, None);
+        self.hunches.clear();
         self.agrees_since = None;
     }
 
@@ -274,6 +255,7 @@ impl VelocitySteps {
         }
         if hole {
             self.doubt = self.doubt.filter(|d| d.kind == DoubtKind::Charged);
+            self.hunches.clear();
             self.let_go(s.time);
         }
         if self.felt.last().is_some_and(|f| s.time.seconds_since(f.time) < SPACING_S) {
@@ -301,13 +283,20 @@ impl VelocitySteps {
         }
         self.look_due = Some(s.time + Span::from_seconds(LOOK_S));
         let Some(fit) = best_steps(&self.felt, s.time) else { return };
-        let noise = self.noise.of(fit.manoeuvre);
+        // On the ground only who stands still is judged, by a noise that any receiver has there.
+        if !s.flies && fit.manoeuvre > STANDS_MPS2 * STANDS_MPS2 {
+            return;
+        }
+        let noise = if s.flies { self.noise.of(fit.manoeuvre) } else { GROUND_NOISE_MPS * GROUND_NOISE_MPS };
         let degrees = (2 * self.felt.len()).saturating_sub(NUISANCES).max(1) as f64;
         let [old, young] = fit.steps.map(|step| Some(StepLook::of(&step?, noise, degrees)));
         if old.is_some_and(|look| self.is_borne_out(s.time, &look)) {
             return self.hold(old.map(|look| look.begun));
         }
         self.look_again(s.time, old.as_ref(), &fit);
+        if let Some(look) = &old {
+            self.hunches.see(look, &self.usual[0].peak);
+        }
         let suspicious = |look: Option<StepLook>, usual: &UsualStep| {
             look.filter(|look| look.exceeds(usual.peak.limit(DOUBT_DECADES)))
         };
@@ -316,10 +305,12 @@ impl VelocitySteps {
         let first = self.doubt.is_none();
         match suspects {
             [Some(look), _] if first || self.doubt.is_some_and(|d| d.kind == DoubtKind::Young) => {
-                self.doubt = Some(VelocityDoubt::seen(look.begun, look.square, s.time, DoubtKind::Likely));
+                self.doubt =
+                    Some(VelocityDoubt::seen(&look, look.odds(&usual.peak), s.time, DoubtKind::Likely));
             }
             [None, Some(look)] if first => {
-                self.doubt = Some(VelocityDoubt::seen(look.begun, look.square, s.time, DoubtKind::Young));
+                self.doubt =
+                    Some(VelocityDoubt::seen(&look, look.odds(&usual_young.peak), s.time, DoubtKind::Young));
             }
             _ => {}
         }
@@ -327,7 +318,7 @@ impl VelocitySteps {
         let in_sight = |d: VelocityDoubt| s.time.seconds_since(d.lie.since) < WINDOW_S;
         if self.doubt.is_some_and(in_sight) {
             self.usual.iter_mut().for_each(|usual| usual.pending = None);
-        } else {
+        } else if s.flies {
             self.noise.learn(fit.manoeuvre, fit.plain / degrees);
             self.learn(s.time, [old, young]);
         }
@@ -341,7 +332,7 @@ impl VelocitySteps {
             && look.square > STILL * self.usual[0].peak.limit(DOUBT_DECADES)
             && look.begun.since.seconds_since(doubt.lie.since).abs() < STILL_SAME_S
         {
-            doubt.look = doubt.look.map(|(square, _)| (square.max(look.square), now));
+            doubt.seen_again(look, &self.usual[0].peak, now);
         }
         if self.doubt.is_some_and(|d| d.has_vanished(now)) {
             self.clear();
@@ -357,7 +348,7 @@ impl VelocitySteps {
     fn is_borne_out(&mut self, now: AutopilotTime, look: &StepLook) -> bool {
         let beyond = self.learned >= LEARNED
             && look.exceeds(self.usual[0].peak.wide_limit(DECADES))
-            && look.left < LEAVES * look.square;
+            && look.left < LEAVES * look.explained;
         let same = |c: &StepCandidate| look.begun.since.seconds_since(c.onset).abs() < SAME_S;
         self.candidate = beyond.then(|| {
             let known = self.candidate.filter(same);
@@ -441,6 +432,7 @@ mod tests {
                 impulse: felt,
                 epoch: 1,
                 judged: true,
+                flies: true,
                 error: None,
                 sigma: f64::INFINITY,
                 position_sigma: 1.0,
@@ -498,15 +490,54 @@ mod tests {
     #[test]
     fn what_others_refute_leads_nowhere() {
         let mut steps = VelocitySteps::new();
-        steps.suspect(at(10.0), at(8.0), Vector2::new(1.0, 0.0));
+        let lie = VelocityLie::new(at(8.0), Vector2::new(1.0, 0.0));
+        steps.suspect(at(10.0), lie, 0.0);
+        let even = steps.may_have_led(at(18.0)).norm();
+        assert!((even - 10.0 * 0.5f64.sqrt()).abs() < 1e-9, "{even}");
+        // Another look at the same.
+        steps.suspect(at(10.4), lie, 2.3);
         let alone = steps.may_have_led(at(18.0)).norm();
-        steps.hear_witnesses(4.0);
+        steps.hear_witnesses(Some(4.0));
         let doubtful = steps.may_have_led(at(18.0)).norm();
         assert!(alone > 9.0 && doubtful < 0.5 * alone, "{alone} {doubtful}");
-        steps.hear_witnesses(f64::NAN);
-        assert!(steps.may_have_led(at(18.0)).norm() > 0.0 && !steps.take_cleared());
-        steps.hear_witnesses(8.0);
+        // Who is not heard any more leaves it so.
+        steps.hear_witnesses(None);
+        steps.hear_witnesses(Some(f64::NAN));
+        assert_eq!(steps.may_have_led(at(18.0)).norm(), doubtful);
+        assert!(!steps.take_cleared());
+        steps.hear_witnesses(Some(8.0));
         assert!(!steps.is_doubted() && steps.take_cleared() && !steps.take_cleared());
+    }
+
+    /// How far a receiver on the ground may have led at 30 s, m, that walks off by `walk_mps` since 20 s; `felt`: what inertia feels.
+    fn on_the_ground(walk_mps: f64, felt: impl Fn(f64) -> f64) -> f64 {
+        let mut steps = VelocitySteps::new();
+        for k in 0..151 {
+            let t = 0.2 * f64::from(k);
+            let walk = if t > 20.0 { walk_mps } else { 0.0 };
+            let wander = Vector2::new((0.9 * t).sin(), (1.3 * t).cos()) * 0.05;
+            steps.observe(&FeltVelocity {
+                time: at(t),
+                velocity: Vector2::new(walk, 0.0) + wander,
+                impulse: Vector2::new(felt(t), 0.0),
+                epoch: 1,
+                judged: true,
+                flies: false,
+                error: None,
+                sigma: f64::INFINITY,
+                position_sigma: 1.0,
+            });
+        }
+        steps.may_have_led(at(30.0)).norm()
+    }
+
+    #[test]
+    fn who_stands_feels_that_the_receiver_walks_and_who_starts_does_not_judge() {
+        assert_eq!(on_the_ground(0.0, |_| 0.0), 0.0);
+        let led = on_the_ground(1.2, |_| 0.0);
+        assert!((9.0..13.0).contains(&led), "{led}");
+        // Badly felt, as wheels on a meadow are.
+        assert_eq!(on_the_ground(0.0, |t| 3.0 * (t - 15.0).max(0.0).sin()), 0.0);
     }
 
     /// A lie of 2 m/s since 0 s, at 30 s and `after_s` later.
@@ -515,7 +546,7 @@ mod tests {
         steps.lie = Some(VelocityLie::new(at(0.0), Vector2::new(2.0, 0.0)));
         for t in [30.0, 30.0 + after_s] {
             let (velocity, impulse) = (Vector2::new(2.0, 0.0), Vector2::zeros());
-            let (epoch, judged, error, sigma) = (0, false, None, f64::INFINITY);
+            let (epoch, judged, flies, error, sigma) = (0, false, true, None, f64::INFINITY);
             let time = at(t);
             steps.observe(&FeltVelocity {
                 time,
@@ -523,6 +554,7 @@ mod tests {
                 impulse,
                 epoch,
                 judged,
+                flies,
                 error,
                 sigma,
                 position_sigma,

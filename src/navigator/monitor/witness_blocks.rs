@@ -9,7 +9,7 @@ use nalgebra::{Matrix2x4, Vector2};
 use super::travel_path::{Recalibration, TravelPlace};
 use crate::filter::NoiseAndWalk;
 use crate::navigator::tuning::witness_blocks::{
-    BLOCK_S, FIX_HOLE_S, JUMP_M, NOISE_MEMORY_S, NOISE_SPANS, START_GROWTH, START_VARIANCE,
+    BLOCK_S, FIX_HOLE_S, NOISE_MEMORY_S, NOISE_SPANS, START_GROWTH, START_VARIANCE,
 };
 use crate::time::AutopilotTime;
 
@@ -63,19 +63,22 @@ pub(super) struct WitnessBlocks {
     blocks: Vec<WitnessBlock>,
     most: usize,
     fastest_mps: f64,
+    jump_m: f64,
     /// R, m², and q, m²/s, on an axis.
     pub(super) noise: NoiseAndWalk,
 }
 
 impl WitnessBlocks {
-    /// `most` of them are kept. Who parts faster than by `fastest_mps` m/s does not see the ground.
-    pub(super) fn new(most: usize, fastest_mps: f64) -> Self {
+    /// `most` of them are kept. Who parts faster than by `fastest_mps` m/s does not see the ground. A receiver that moves by `jump_m` m more than the witness between two
+    /// fixes has jumped.
+    pub(super) fn new(most: usize, fastest_mps: f64, jump_m: f64) -> Self {
         Self {
             last: None,
             open: WitnessBlock::default(),
             blocks: Vec::with_capacity(most),
             most,
             fastest_mps,
+            jump_m,
             noise: NoiseAndWalk::expecting(START_VARIANCE, START_GROWTH, NOISE_MEMORY_S),
         }
     }
@@ -141,7 +144,7 @@ impl WitnessBlocks {
         };
         let moved = position_ne - last.position_ne;
         let travelled = (b.travelled_ne - a.travelled_ne) * (dt / flown_s);
-        if (moved - travelled).norm() > JUMP_M {
+        if (moved - travelled).norm() > self.jump_m {
             // A jump is none of its business, and tells nothing of a walk before and after.
             self.open = WitnessBlock::default();
             self.blocks.clear();

@@ -149,6 +149,8 @@ pub(in crate::navigator) mod unexplained {
 
 /// The flow's word on GNSS.
 pub(in crate::navigator) mod gnss_by_flow {
+    /// Between two fixes no walk goes so far, m.
+    pub(in crate::navigator) const JUMP_M: f64 = 3.0;
     /// So many blocks are kept; windows of so many are looked at.
     pub(in crate::navigator) const BLOCKS: usize = 32;
     pub(in crate::navigator) const WINDOWS: [usize; 4] = [4, 8, 16, 32];
@@ -203,6 +205,9 @@ pub(in crate::navigator) mod velocity_step {
     pub(in crate::navigator) const START_NOISE_MPS: f64 = 0.3;
     pub(in crate::navigator) const LEAST_NOISE_MPS: f64 = 0.03;
     pub(in crate::navigator) const NOISE_GAIN: f64 = 0.02;
+    /// On the ground, where nothing is learned: noise, m/s, and the acceleration of who stands, m/s², root mean square.
+    pub(in crate::navigator) const GROUND_NOISE_MPS: f64 = 0.15;
+    pub(in crate::navigator) const STANDS_MPS2: f64 = 0.3;
     /// Jitter of the receiver's time before it was seen, s, how firmly both were, in windows, and how many windows count.
     pub(in crate::navigator) const START_JITTER_S: f64 = 0.02;
     pub(in crate::navigator) const NOISE_FIRM: f64 = 4.0;
@@ -210,8 +215,8 @@ pub(in crate::navigator) mod velocity_step {
     /// What the best of all steps explains, as a square of sigmas, and its deviation, before they were seen (of white noise alone: 7 ± 3), how firmly, how many
     /// count, one in so long, s, and how many have to be seen before anybody is accused.
     pub(in crate::navigator) const PEAK: f64 = 8.0;
-    pub(in crate::navigator) const PEAK_DEVIATION: f64 = 8.0;
-    pub(in crate::navigator) const FIRM: f64 = 12.0;
+    pub(in crate::navigator) const PEAK_DEVIATION: f64 = 12.0;
+    pub(in crate::navigator) const FIRM: f64 = 8.0;
     pub(in crate::navigator) const MEMORY: f64 = 60.0;
     pub(in crate::navigator) const LEARN_S: f64 = 3.0;
     pub(in crate::navigator) const LEARNED: u32 = 8;
@@ -219,11 +224,18 @@ pub(in crate::navigator) mod velocity_step {
     /// as likely.
     pub(in crate::navigator) const DECADES: f64 = 6.0;
     pub(in crate::navigator) const CLEAR_OF: f64 = 9.2;
-    /// It may be one beyond what would happen once in 10^3.5, and for so long it may lead away, s.
+    /// It may be one beyond what would happen once in 10^3.5, where it is as likely as not, and for so long it may lead away, s.
     pub(in crate::navigator) const DOUBT_DECADES: f64 = 3.5;
     pub(in crate::navigator) const DOUBT_S: f64 = 60.0;
-    /// That it is a lie is so many times as likely as not, where nobody but inertia says anything of it.
-    pub(in crate::navigator) const ODDS: f64 = 10.0;
+    /// What is less likely is no lie.
+    pub(in crate::navigator) const REFUTED: f64 = 0.01;
+    /// A step may be a doubt where it leaves no more than this part of what it explains.
+    pub(in crate::navigator) const DOUBT_LEAVES: f64 = 0.5;
+    /// Hunches: no rarer than once in 10^this windows, s, so many, for so long, s, weighed this often, s.
+    pub(in crate::navigator) const HUNCH_DECADES: f64 = 1.0;
+    pub(in crate::navigator) const HUNCHES: usize = 6;
+    pub(in crate::navigator) const HUNCH_S: f64 = 20.0;
+    pub(in crate::navigator) const WEIGH_S: f64 = 0.95;
     /// It is still seen where a step within so long of it, s, explains this part of that; and has vanished where that was last so long, s, before it became too old to be seen.
     pub(in crate::navigator) const STILL: f64 = 0.5;
     pub(in crate::navigator) const STILL_SAME_S: f64 = 1.0;
@@ -271,8 +283,6 @@ pub(in crate::navigator) mod witness_blocks {
     pub(in crate::navigator) const BLOCK_S: f64 = 0.95;
     /// Fixes further apart are not compared, s.
     pub(in crate::navigator) const FIX_HOLE_S: f64 = 2.5;
-    /// Between two of them no walk goes so far, m.
-    pub(in crate::navigator) const JUMP_M: f64 = 3.0;
     /// Noise of a position, m², and its growth, m²/s, before they were seen; the least growth; how long what was seen counts, s; and over so many blocks each it is seen.
     pub(in crate::navigator) const START_VARIANCE: f64 = 0.1;
     pub(in crate::navigator) const START_GROWTH: f64 = 0.05;
@@ -289,10 +299,15 @@ pub(in crate::navigator) mod witness_blocks {
 pub(in crate::navigator) mod gnss_by_air {
     /// A longer silence of the air is a hole, s: airspeeds come at some hertz, and some of them cannot be used.
     pub(in crate::navigator) const HOLE_S: f64 = 1.6;
-    /// So many blocks are kept, and so many before and after an onset at most, and at least, are looked at.
+    /// Between two fixes of a second the air itself may be wrong by so much, m: it is heard at some hertz, and in a turn that is too little.
+    pub(in crate::navigator) const JUMP_M: f64 = 15.0;
+    /// So many blocks are kept, and so many before and after an onset are looked at at most, and at least. What is usual is learned of so many on both sides.
     pub(in crate::navigator) const BLOCKS: usize = 80;
+    pub(in crate::navigator) const BEFORE: usize = 24;
+    pub(in crate::navigator) const AFTER: usize = 48;
     pub(in crate::navigator) const SIDE: usize = 16;
-    pub(in crate::navigator) const LEAST_SIDE: usize = 8;
+    pub(in crate::navigator) const LEAST_BEFORE: usize = 8;
+    pub(in crate::navigator) const LEAST_AFTER: usize = 4;
     /// What the wind may be wrong by, m/s, an airspeed or a drag by scale, and its direction, rad.
     pub(in crate::navigator) const WIND_MPS: f64 = 20.0;
     pub(in crate::navigator) const SCALE: f64 = 0.1;
