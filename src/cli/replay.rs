@@ -108,6 +108,8 @@ pub struct ToldEvent {
     pub code: &'static str,
     /// The sentence with its values.
     pub text: String,
+    /// How often it was so, since it was told before: see [`Event::times`].
+    pub times: u32,
 }
 
 /// How often something was put right.
@@ -221,7 +223,7 @@ fn numbers(
 }
 
 fn told(t_s: f64, event: &Event) -> ToldEvent {
-    ToldEvent { t_s, code: event.kind.code(), text: event.kind.to_string() }
+    ToldEvent { t_s, code: event.kind.code(), text: event.kind.to_string(), times: event.times }
 }
 
 fn repair_count((repair, count): (Repair, u64)) -> RepairCount {

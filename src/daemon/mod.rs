@@ -222,6 +222,8 @@ impl Daemon {
                 }
             }
         }
+        self.pipeline.navigator.close();
+        self.tell_events();
         let code = self.state().1;
         self.transmitter.broadcast(&heartbeat(SystemStatus::PowerOff, code));
         let now = self.clock.now();

@@ -18,7 +18,7 @@ pub struct Event {
     pub time: AutopilotTime,
     /// What.
     pub kind: EventKind,
-    /// How often, since it was told before: what alternates is told once a minute.
+    /// How often, since it was told before: what alternates is told once a minute. Where it is told again within that, both times are in it.
     pub times: u32,
 }
 

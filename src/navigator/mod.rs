@@ -344,6 +344,13 @@ impl Navigator {
         self.core.events.drain()
     }
 
+    /// Nothing more will be heard: what was held back because it had been told a moment before is told.
+    pub fn close(&mut self) {
+        if let Some(now) = self.core.stream.newest() {
+            self.core.events.close(now);
+        }
+    }
+
     /// Whether events wait.
     pub fn has_events(&self) -> bool {
         !self.core.events.is_empty()

@@ -280,6 +280,12 @@ impl Runner {
         self.gnss.add(solution, &state, t);
     }
 
+    /// The log has ended: what was not told yet of what is in force is told.
+    pub fn close(&mut self) {
+        self.pipeline.navigator.close();
+        self.note_events();
+    }
+
     fn note_events(&mut self) {
         if !self.pipeline.navigator.has_events() {
             return;
@@ -363,5 +369,7 @@ pub fn run(
         },
         |aside| runner.borrow_mut().aside(aside),
     )?;
-    Ok((runner.into_inner(), summary))
+    let mut runner = runner.into_inner();
+    runner.close();
+    Ok((runner, summary))
 }

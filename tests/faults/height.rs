@@ -34,3 +34,22 @@ fn barometers_that_freeze_in_a_climb_leave_the_height_to_the_rangefinder() {
         assert!((from_s..from_s + 10.0).contains(&told_s), "{flight} at {from_s} s: told at {told_s} s");
     }
 }
+
+/// A fault that is found within the minute of the one before is held back, and told all the same: when it has stayed, or when the log ends.
+#[test]
+fn a_fault_that_is_in_force_is_what_was_told_last() {
+    let log = sitl_log("ardupilot-copter-baro-faults");
+    for (again_s, told_s) in [(418.0, 423.5), (430.0, 432.8)] {
+        let second = format!("baro0:bias=8@{again_s}..");
+        let faults = ["--fault", "baro0:bias=8@390..395", "--fault", &second];
+        let report = holdover(&[&["replay", log.to_str().unwrap(), "--json"], &faults[..]].concat()).json();
+        let events = report["events"].as_array().unwrap().iter();
+        let barometer = |e: &&Value| e["text"].as_str().is_some_and(|text| text.starts_with("barometer "));
+        let last: Vec<&Value> = events.filter(barometer).collect();
+        let [.., first, healed, last] = last.as_slice() else { panic!("{last:?}") };
+        let codes = [first, healed, last].map(|e| e["code"].as_str().unwrap());
+        assert_eq!(codes, ["height-fault", "height-healed", "height-fault"], "{report}");
+        assert!((last["t_s"].as_f64().unwrap() - told_s).abs() < 0.5, "{last}");
+        assert_eq!(last["times"], 2, "{last}");
+    }
+}

@@ -272,6 +272,7 @@ fn one(file: &LogFile, settings: &Settings, json: bool, quiet: bool) -> Result<(
             }
         },
     )?;
+    runner.close();
     bar.finish_and_clear();
     let mut report =
         report(&log, &summary, &contents, messages, settings.pipeline.navigator.landmarks.as_deref());

@@ -12,6 +12,9 @@ pub(in crate::navigator) mod core {
 pub(in crate::navigator) mod event_log {
     /// The same of the same source is told this often, s.
     pub(in crate::navigator) const TOLD_EVERY_S: f64 = 60.0;
+    /// What was held back and is not what was told last is told when it has stayed for this long, s; then for twice as long, and so on. Less would
+    /// tell more of what alternates; more would leave "healthy again" standing of what is faulty.
+    pub(in crate::navigator) const STAYED_S: f64 = 5.0;
     /// Events and words about sources that are expected; more cost an allocation.
     pub(in crate::navigator) const EXPECTED: usize = 64;
 }
