@@ -1,5 +1,6 @@
 //! What single messages become.
 
+use holdover::geo::atmosphere::pressure_altitude_m;
 use holdover::log::Log;
 use holdover::log::fast_samples::FastKind;
 use holdover::replay::sweep::survey;
@@ -79,6 +80,63 @@ fn integrals_without_gaps_are_preferred_and_thinned_ones_are_not_used() {
     assert!(first.iter().any(|(_, rate)| *rate > 0.15), "before the integrals prove gapless");
     assert!(rest.iter().all(|(us, rate)| (rate - 0.1).abs() < 1e-6 && us % 5000 == 100), "{:?}", &rest[..3]);
     assert!(rates(&read(&thinned)).iter().all(|(_, rate)| (rate - 0.2).abs() < 1e-6));
+}
+
+/// As PX4 wrote it to 1.7: IMU, magnetometer and barometer, the latter two told again with every sample of the gyro, with when they had measured.
+fn combined_of_2016(file: &mut UlogFile, us: u64, since_us: i32, height_m: f64) {
+    const DECLARATION: &str = "float[3] gyro_rad;float gyro_integral_dt;int32_t accelerometer_timestamp_relative;\
+        float[3] accelerometer_m_s2;float accelerometer_integral_dt;int32_t magnetometer_timestamp_relative;\
+        float[3] magnetometer_ga;int32_t baro_timestamp_relative;float baro_alt_meter;float baro_temp_celcius";
+    let since = since_us as u32;
+    let fields = Fields::default().f32(0.2).f32(0.0).f32(0.0).f32(0.004).u32(0);
+    let fields = fields.f32(0.0).f32(0.0).f32(-9.7).f32(0.004).u32(since);
+    let fields = fields.f32(0.2).f32(0.0).f32(0.4).u32(since).f32(height_m).f32(30.0);
+    file.data("sensor_combined", DECLARATION, us, fields);
+}
+
+#[test]
+fn the_barometer_of_old_logs_stands_with_the_imu() {
+    let mut file = UlogFile::new(&[]);
+    for i in 0..500u64 {
+        let us = 2_000_000 + i * 4000;
+        // A barometer at 50 Hz, at 488 m and climbing.
+        let (since_us, step) = (-((i % 5) as i32) * 4000 - 700, i / 5);
+        combined_of_2016(&mut file, us, since_us, 488.0 + 0.02 * step as f64);
+        // And the raw one of the same time, which is no second barometer.
+        file.data("sensor_baro", "float pressure", us + 100, Fields::default().f32(900.0));
+    }
+    // One that is not there, and one that cannot be.
+    combined_of_2016(&mut file, 4_000_000, i32::MAX, 0.0);
+    combined_of_2016(&mut file, 4_004_000, -700, 1e6);
+    let folder = tempfile::tempdir().unwrap();
+    let log = write_log(folder.path(), "log", &file.bytes);
+    let (inputs, summary) = inputs(&log);
+    let times = |kind: SampleKind| -> Vec<i64> {
+        let of = |i: &Input| match i {
+            Input::Sample(s) if s.kind() == kind => Some(s.time().micros()),
+            _ => None,
+        };
+        inputs.iter().filter_map(of).collect()
+    };
+    let heights = inputs.iter().filter_map(|i| match i {
+        Input::Sample(Sample::Pressure(s)) => pressure_altitude_m(s.pressure_pa),
+        _ => None,
+    });
+    let heights: Vec<f64> = heights.collect();
+    assert_eq!((rates(&inputs).len(), heights.len()), (502, 100));
+    assert!(
+        heights.iter().enumerate().all(|(i, h)| (h - 488.0 - 0.02 * i as f64).abs() < 0.01),
+        "{heights:?}"
+    );
+    let measured = times(SampleKind::Pressure);
+    assert!(measured.windows(2).all(|w| w[1] - w[0] == 20_000) && measured[0] % 20_000 == 19_300);
+    // The magnetometer likewise; its field of a barometer that cannot be is a field.
+    assert_eq!((times(SampleKind::Mag)[..100].to_vec(), times(SampleKind::Mag).len()), (measured, 101));
+    assert_eq!(summary.remarks(), ["not used: 1 absurd value"]);
+    let text = holdover(&["inspect", log.to_str().unwrap()]).out;
+    let mut rows = text.lines().map(|l| l.split_whitespace().collect::<Vec<_>>());
+    assert!(rows.any(|row| row.starts_with(&["barometer", "100", "50.0"])), "{text}");
+    assert!(!text.contains("no barometer"), "{text}");
 }
 
 #[test]

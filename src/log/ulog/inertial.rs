@@ -1,9 +1,10 @@
 //! Inertial units, magnetometers and barometers of a ULog, and the rotors that shake them.
 
+use crate::geo::atmosphere::static_pressure_pa;
 use crate::time::AutopilotTime;
 use crate::wire::counters::Cause;
 
-use super::super::intake::{MOST_SENSORS, possible, vector};
+use super::super::intake::{Intake, MOST_SENSORS, possible, vector};
 use super::{Logged, Px4, Topic};
 
 const TESLA_PER_GAUSS: f64 = 1e-4;
@@ -13,6 +14,10 @@ const IN_PASCAL: f64 = 2000.0;
 /// `vehicle_imu` has up to so many units; `sensor_combined` ranks behind them.
 const UNITS: usize = 4;
 const COMBINED: usize = UNITS + 1;
+/// What `sensor_combined` says of the time of a sensor that it has nothing of: INT32_MAX, µs.
+const NEVER_US: f64 = i32::MAX as f64;
+/// Heights of the standard atmosphere's troposphere, m: a barometer tells no other.
+const HEIGHTS_M: std::ops::RangeInclusive<f64> = -2000.0..=11_000.0;
 /// Integrals that follow each other without a gap before a stream of them is used.
 const GAPLESS: u32 = 10;
 /// Of an interval, what may be missing between one integral and the next.
@@ -47,6 +52,9 @@ pub(super) const TOPICS: &[Topic] = &[
             "magnetometer_ga[0]",
             "magnetometer_ga[1]",
             "magnetometer_ga[2]",
+            "magnetometer_timestamp_relative",
+            "baro_alt_meter",
+            "baro_timestamp_relative",
         ],
         decode: sensor_combined,
     },
@@ -82,8 +90,25 @@ pub(super) struct Units {
     /// The accelerometer that the autopilot itself uses.
     selected: Option<u32>,
     streams: [UnitStream; UNITS],
-    /// When `vehicle_air_data` was heard last.
+    /// When `vehicle_air_data`, or a barometer in `sensor_combined`, was heard last.
     air_data: Option<AutopilotTime>,
+    /// When the magnetometer and the barometer of `sensor_combined` had measured last.
+    combined: [Option<AutopilotTime>; 2],
+}
+
+impl Units {
+    /// When a sensor of `sensor_combined` has measured, so long after the stamp, µs; `None` for what is not there, or was told before.
+    fn measured_anew(&mut self, sensor: usize, m: &Logged<'_>, relative: &str) -> Option<AutopilotTime> {
+        let since_us = m.row.get(relative).unwrap_or(0.0);
+        if since_us == NEVER_US {
+            return None;
+        }
+        let sample_us = m.us.checked_add_signed(since_us as i64);
+        let time = Intake::measured(m.time, m.us, sample_us);
+        let last = self.combined.get_mut(sensor)?;
+        let anew = last.is_none_or(|last| time > last);
+        anew.then(|| *last.insert(time))
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -126,17 +151,30 @@ fn vehicle_imu(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
     px4.intake.inertial(rank, time, rate, force)
 }
 
-/// `sensor_combined`: means over the interval that ends at its stamp, of the unit that is selected. PX4 before 1.8 had the magnetometer in
-/// it as well.
+/// `sensor_combined`: means over the interval that ends at its stamp, of the unit that is selected. PX4 before 1.8 had the magnetometer and the
+/// barometer in it as well, each with its own time, and told them again with every sample of the gyro. Of the pressure there is only the height
+/// that PX4 made of it in the standard atmosphere.
 fn sensor_combined(px4: &mut Px4, m: &Logged<'_>) -> Result<(), Cause> {
     let rate = vector(m.row.all(["gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"]))?;
     let force =
         vector(m.row.all(["accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"]))?;
     px4.intake.inertial(COMBINED, m.time, rate, force)?;
-    match m.row.all(["magnetometer_ga[0]", "magnetometer_ga[1]", "magnetometer_ga[2]"]) {
-        Some(field) => px4.intake.magnetic(MOST_SENSORS - 1, m.time, vector(Some(field))? * TESLA_PER_GAUSS),
-        None => Ok(()),
+    if let Some(height_m) = m.row.get("baro_alt_meter")
+        && let Some(time) = px4.units.measured_anew(1, m, "baro_timestamp_relative")
+    {
+        px4.units.air_data = Some(m.time);
+        let told = possible(height_m, HEIGHTS_M)
+            .and_then(|height_m| px4.intake.pressure(0, time, static_pressure_pa(height_m)));
+        if let Err(cause) = told {
+            px4.intake.counters.count(cause);
+        }
     }
+    if let Some(field) = m.row.all(["magnetometer_ga[0]", "magnetometer_ga[1]", "magnetometer_ga[2]"])
+        && let Some(time) = px4.units.measured_anew(0, m, "magnetometer_timestamp_relative")
+    {
+        return px4.intake.magnetic(MOST_SENSORS - 1, time, vector(Some(field))? * TESLA_PER_GAUSS);
+    }
+    Ok(())
 }
 
 /// `vehicle_magnetometer`: calibrated, in the body's axes.
