@@ -334,6 +334,11 @@ impl Navigator {
         self.sources.flow.calibrations()
     }
 
+    /// Whether a flow sensor may carry the velocity in an outage: one that is trusted, or one that there was never a GNSS to prove by.
+    pub fn may_carry_on_flow(&self) -> bool {
+        self.sources.facts(&self.core).flow_trusted
+    }
+
     /// The latencies of the flow sensors in force, s, with their standard deviations, by sensor id.
     pub fn flow_latencies_s(&self) -> impl Iterator<Item = (u8, f64, f64)> {
         self.sources.flow.latencies_s()

@@ -453,3 +453,29 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn inspect_promises_no_flow_that_comes_too_seldom_to_carry() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = |name: &str, period_s: f64| {
+        let (mut steps, mut last_s) = (Flight::rotor(0.01, 90.0, 3).steps, f64::NEG_INFINITY);
+        for step in &mut steps {
+            let t_s = step.t_s;
+            step.samples.retain(|s| {
+                let keep = s.kind() != SampleKind::Flow || t_s - last_s >= period_s;
+                last_s = if keep && s.kind() == SampleKind::Flow { t_s } else { last_s };
+                keep
+            });
+        }
+        let log = write_log(folder.path(), name, &UlogFile::of(&steps).bytes);
+        holdover(&["inspect", log.to_str().unwrap()]).out
+    };
+    let often = said("often", 0.0);
+    assert!(often.contains("holdover on optical flow, its height from the rangefinder"), "{often}");
+    let seldom = said("seldom", 2.0);
+    assert!(!seldom.contains("on optical flow"), "{seldom}");
+    assert!(
+        seldom.contains("holdover on rotor drag, as far as it proves true: optical flow comes at 0.5 Hz"),
+        "{seldom}"
+    );
+}

@@ -1,5 +1,6 @@
 //! `holdover inspect`: what is in a log, which rates and gaps, and what Holdover can do with it.
 
+mod abilities;
 mod lag;
 mod outlook;
 mod samples;
@@ -15,12 +16,12 @@ use crate::config::Settings;
 use crate::log::stretches::Stretches;
 use crate::log::{Entry, Log, LogFile, LogSummary};
 use crate::navigator::solution::Mode;
-use crate::navigator::sources::landmarks::LandmarkSetup;
 use crate::replay::airborne::ToldFlights;
 use crate::replay::runner::Runner;
 use crate::sample::{Airframe, Input, Reference, SampleKind};
 use crate::time::{AutopilotTime, ClockEvent};
 
+use abilities::{FlowUse, SeenInFlight, abilities};
 use outlook::OutlookReport;
 use samples::{KindReport, Streams};
 use sensors::{SensorReport, Sensors};
@@ -47,8 +48,6 @@ pub struct InspectArgs {
 
 /// IMU streams slower than this cannot be integrated, Hz.
 const LEAST_IMU_HZ: f64 = 20.0;
-/// Fixes over less than this, all stretches together, are nothing to compare with, s: aligning alone takes half of it.
-const LEAST_GNSS_S: f64 = 10.0;
 /// Where this message is, the log's IMU is a mean of fast samples.
 const MEANS_OF: &str = "GYR";
 /// Of many flights, so many are printed.
@@ -191,13 +190,7 @@ fn periods(all: Vec<(f64, f64)>) -> Vec<PeriodReport> {
     all.into_iter().map(|(from_s, to_s)| PeriodReport { from_s, to_s }).collect()
 }
 
-fn report(
-    log: &Log,
-    summary: &LogSummary,
-    contents: &Contents,
-    messages: MessageCounts,
-    landmarks: Option<&LandmarkSetup>,
-) -> InspectReport {
+fn report(log: &Log, summary: &LogSummary, contents: &Contents, messages: MessageCounts) -> InspectReport {
     let duration_s = contents.duration_s();
     let heard = contents.streams.heard();
     let imu = contents.streams.of(SampleKind::Imu);
@@ -231,7 +224,7 @@ fn report(
         vibration: VibrationReport::of(summary, logged),
         outlook: None,
         messages: message_reports(messages),
-        can: abilities(contents, landmarks),
+        can: Vec::new(),
         lacks: lacking(&heard, imu),
         parameters: summary
             .parameters
@@ -274,10 +267,18 @@ fn one(file: &LogFile, settings: &Settings, json: bool, quiet: bool) -> Result<(
     )?;
     runner.close();
     bar.finish_and_clear();
-    let mut report =
-        report(&log, &summary, &contents, messages, settings.pipeline.navigator.landmarks.as_deref());
+    let mut report = report(&log, &summary, &contents, messages);
     if report.lacks.is_none() {
-        report.outlook = Some(OutlookReport::of(&runner));
+        let outlook = OutlookReport::of(&runner);
+        let navigator = &runner.pipeline.navigator;
+        let shown = SeenInFlight {
+            flow: FlowUse::of(contents.streams.of(SampleKind::Flow), navigator, outlook.on_flow()),
+            ranged: 2 * navigator.statuses().used(SampleKind::Range)
+                > contents.streams.of(SampleKind::Range).count(),
+            landmarks: settings.pipeline.navigator.landmarks.as_ref().map(|l| l.points.len()),
+        };
+        report.can = abilities(&contents, &shown);
+        report.outlook = Some(outlook);
     }
     if json {
         let text = serde_json::to_string(&report).map_err(|e| Failure::Other(e.to_string()))?;
@@ -290,53 +291,6 @@ fn one(file: &LogFile, settings: &Settings, json: bool, quiet: bool) -> Result<(
 
 fn name_of(entry: &Entry<'_>) -> String {
     entry.name.map_or_else(|| format!("unknown ({})", entry.id), str::to_owned)
-}
-
-fn abilities(contents: &Contents, landmarks: Option<&LandmarkSetup>) -> Vec<String> {
-    let heard = contents.streams.heard();
-    let has = |k: SampleKind| heard[k as usize] > 0;
-    let mut can = Vec::new();
-    can.push(match (has(SampleKind::Mag), has(SampleKind::Flow)) {
-        (true, _) => "heading from the magnetometer".to_owned(),
-        (false, true) => "heading from optical flow against GNSS, while moving (no magnetometer)".to_owned(),
-        (false, false) => {
-            "heading from GNSS acceleration: needs motion (neither magnetometer nor optical flow)".to_owned()
-        }
-    });
-    can.push(match (has(SampleKind::Flow), has(SampleKind::Range)) {
-        (true, true) => "holdover on optical flow, its height from the rangefinder".to_owned(),
-        (true, false) => "holdover on optical flow, its height from the altimeter".to_owned(),
-        (false, _) => match contents.airframe {
-            Some(Airframe::FixedWing) if has(SampleKind::Airspeed) => {
-                "holdover on airspeed and the wind as GNSS showed it: no optical flow".to_owned()
-            }
-            Some(Airframe::Multirotor) => {
-                "holdover on rotor drag, as far as it proves true: no optical flow".to_owned()
-            }
-            _ => "holdover by inertial coasting only: no optical flow".to_owned(),
-        },
-    });
-    if has(SampleKind::Landmark) {
-        can.push(match landmarks {
-            Some(l) => format!(
-                "position in holdover from landmarks in view: {} landmarks are configured",
-                l.points.len()
-            ),
-            None => "landmarks: a position in holdover, once configured (landmarks.points)".to_owned(),
-        });
-    }
-    if !has(SampleKind::Pressure) {
-        can.push("height from GNSS and inertia only: no barometer".to_owned());
-    }
-    let fixed_s = contents.streams.of(SampleKind::Gnss).covered_s();
-    can.push(if contents.truth {
-        "score against the simulator's truth".to_owned()
-    } else if fixed_s < LEAST_GNSS_S {
-        format!("no score: GNSS has fixes over {fixed_s:.1} s alone, and there is no truth in this log")
-    } else {
-        "score against GNSS (no truth in this log)".to_owned()
-    });
-    can
 }
 
 fn print_report(r: &InspectReport, summary: &LogSummary) {

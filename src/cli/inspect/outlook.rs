@@ -59,7 +59,7 @@ impl OutlookReport {
             Some(ExpectedError { carried_by: m.source.label(), after_s: m.after_s, error_m, times: m.times })
         });
         let expected: Vec<ExpectedError> = expected.collect();
-        let carried = expected.iter().any(|e| e.carried_by == VelocitySource::Flow.label());
+        let carried = on_flow(&expected);
         let distrusted = navigator
             .flow_sensors()
             .filter_map(|(flow, _, trust)| Some(DistrustedFlow { flow, why: trust.err()?.reason() }))
@@ -75,6 +75,11 @@ impl OutlookReport {
             distrusted,
             gnss_latency_s: [latency_s, sigma_s],
         }
+    }
+
+    /// Whether it was measured what optical flow is worth.
+    pub(super) fn on_flow(&self) -> bool {
+        on_flow(&self.expected)
     }
 
     pub(super) fn print(&self) {
@@ -99,6 +104,10 @@ impl OutlookReport {
             );
         }
     }
+}
+
+fn on_flow(expected: &[ExpectedError]) -> bool {
+    expected.iter().any(|e| e.carried_by == VelocitySource::Flow.label())
 }
 
 /// Why no dead reckoning was compared with GNSS: that takes 10 s of flight in one piece.
