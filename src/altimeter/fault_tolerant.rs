@@ -11,7 +11,7 @@ use super::channel_state::ChannelState;
 use super::drift::Drift;
 use super::fault::{Change, Fault, Health};
 use super::glr_bank::{GlrBank, JUMPS};
-use super::joint::{CLIMB, Channel, HEIGHT, Joint, State};
+use super::joint::{CLIMB, Channel, HEIGHT, Joint, State, UnseenClimb};
 use super::probability::normal_operation;
 use super::settings::AltimeterSettings;
 use super::tuning::{
@@ -200,23 +200,31 @@ impl Altimeter {
     /// Heights of the last `for_s` seconds that were not to be used have changed the climb rate by `climb_mps`, m/s, and the height with it: both may be wrong by that, 1 sigma.
     pub fn doubt(&mut self, climb_mps: f64, for_s: f64) {
         self.propagate();
-        self.move_by(climb_mps, climb_mps * for_s);
+        self.move_by(climb_mps, climb_mps * for_s, climb_mps * climb_mps * for_s);
     }
 
-    /// Nothing was measured for `gap_s` seconds, over which the vertical acceleration was what it was but for `sigma`, m/s².
-    pub fn blind(&mut self, gap_s: f64, sigma: f64) {
-        self.predict(gap_s, 0.0, 0.0);
+    /// Nothing was measured for `gap_s` seconds, and this became of the climb.
+    pub fn blind(&mut self, gap_s: f64, climb: &UnseenClimb) {
+        if !(gap_s > 0.0 && gap_s.is_finite()) {
+            return;
+        }
         self.propagate();
-        self.move_by(sigma * gap_s, 0.5 * sigma * gap_s * gap_s);
+        self.clock_s += gap_s;
+        if self.joint.p[(HEIGHT, HEIGHT)] < LOST_VARIANCE {
+            self.joint.unseen(gap_s, climb);
+        }
+        // Beyond this nothing is a height, and a variance has no digits left for one.
+        let most = (LARGEST_M / climb.height_m).min(1.0);
+        self.move_by(climb.climb_mps, most * climb.height_m, most * climb.both);
     }
 
-    /// It may have moved by `way` m, and its climb rate by `speed` m/s, 1 sigma, both together.
-    fn move_by(&mut self, speed: f64, way: f64) {
+    /// It may have moved by `way` m, and its climb rate by `speed` m/s, 1 sigma, with this covariance, m²/s.
+    fn move_by(&mut self, speed: f64, way: f64, both: f64) {
         if (speed * way).is_finite() && self.joint.sigma(HEIGHT) < LARGEST_M {
             self.joint.p[(CLIMB, CLIMB)] += speed * speed;
             self.joint.p[(HEIGHT, HEIGHT)] += way * way;
-            self.joint.p[(HEIGHT, CLIMB)] += speed * way;
-            self.joint.p[(CLIMB, HEIGHT)] += speed * way;
+            self.joint.p[(HEIGHT, CLIMB)] += both;
+            self.joint.p[(CLIMB, HEIGHT)] += both;
         }
         self.bank.clear();
     }

@@ -2,7 +2,7 @@
 
 use super::fault::{Change, Health};
 use super::fault_tolerant::{Altimeter, HeightVerdict};
-use super::joint::Channel;
+use super::joint::{Channel, UnseenClimb};
 use super::memory::AltimeterMemory;
 use super::published::AltimeterMethod;
 use super::published::BaselineAltimeter;
@@ -82,10 +82,10 @@ impl HeightFilter {
         }
     }
 
-    /// The IMU was silent for `gap_s` seconds, over which the vertical acceleration was what it was but for `sigma`, m/s².
-    pub fn blind(&mut self, gap_s: f64, sigma: f64) {
+    /// See [`Altimeter::blind`]; the published altimeters fly straight on.
+    pub fn blind(&mut self, gap_s: f64, climb: &UnseenClimb) {
         match self {
-            Self::FaultTolerant(f) => f.blind(gap_s, sigma),
+            Self::FaultTolerant(f) => f.blind(gap_s, climb),
             Self::Published(f) => f.predict(gap_s, 0.0),
         }
     }

@@ -107,6 +107,21 @@ pub struct InertialModel {
     pub gravity_gradient: f64,
 }
 
+/// What becomes of a height and its climb rate while nobody measures anything, not even the acceleration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnseenClimb {
+    /// What is left of the climb rate, 0 to 1.
+    pub kept: f64,
+    /// How far it has led, s of it.
+    pub way_s: f64,
+    /// What that may be off by: standard deviations of height and climb rate, m and m/s, and their covariance, m²/s.
+    pub height_m: f64,
+    /// See there.
+    pub climb_mps: f64,
+    /// See there.
+    pub both: f64,
+}
+
 /// State and covariance.
 #[derive(Clone, Debug)]
 pub(super) struct Joint {
@@ -204,6 +219,35 @@ impl Joint {
         self.p[(ACCEL_BIAS, ACCEL_BIAS)] += self.inertial.accel_bias_walk.powi(2) * dt;
         for c in 0..4 {
             self.p[(OFFSETS + c, OFFSETS + c)] += self.offsets[c].walk.powi(2) * dt;
+        }
+    }
+
+    /// Goes on for `gap_s` of which nothing is known: h ← h + T w, w ← k w. Offsets and the bias of the acceleration go on as they do, in closed
+    /// form, x ← e^(−βt) x with the variance q²(1 − e^(−2βt))/2β. The bias moves nothing: there was no acceleration that it could be in.
+    pub(super) fn unseen(&mut self, gap_s: f64, climb: &UnseenClimb) {
+        let mut keep = [1.0; STATES];
+        let InertialModel { accel_bias_rate, accel_bias_walk, .. } = self.inertial;
+        let offsets = self.offsets.map(|o| (o.rate, o.walk));
+        let all = [(accel_bias_rate, accel_bias_walk), offsets[0], offsets[1], offsets[2], offsets[3]];
+        let walked = all.map(|(rate, walk)| {
+            let part = if rate > 0.0 { -(-2.0 * rate * gap_s).exp_m1() / (2.0 * rate) } else { gap_s };
+            walk * walk * part
+        });
+        for (i, (rate, _)) in all.iter().enumerate() {
+            keep[ACCEL_BIAS + i] = (-rate * gap_s).exp();
+        }
+        keep[CLIMB] = climb.kept;
+        let apply = |x: &mut [f64; STATES]| {
+            x[HEIGHT] += climb.way_s * x[CLIMB];
+            x.iter_mut().zip(keep).for_each(|(x, keep)| *x *= keep);
+        };
+        apply(self.x.as_mut_slice().try_into().unwrap_or(&mut [0.0; STATES]));
+        self.p.data.0.iter_mut().for_each(apply);
+        let mut rows = self.p.transpose();
+        rows.data.0.iter_mut().for_each(apply);
+        self.p = 0.5 * (rows + rows.transpose());
+        for (i, variance) in walked.into_iter().enumerate() {
+            self.p[(ACCEL_BIAS + i, ACCEL_BIAS + i)] += variance;
         }
     }
 

@@ -39,7 +39,7 @@ mod tuning;
 pub use fault::{Change, Fault, Health};
 pub use fault_tolerant::{Altimeter, HeightVerdict};
 pub use height::{AltimeterKind, HeightFilter};
-pub use joint::{Channel, InertialModel, OffsetModel};
+pub use joint::{Channel, InertialModel, OffsetModel, UnseenClimb};
 pub use memory::{AltimeterMemory, ChannelMemory};
 pub use probability::normal_operation;
 pub use published::{

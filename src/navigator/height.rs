@@ -3,12 +3,13 @@
 use crate::altimeter::{AltimeterMemory, Change, Channel, Health, HeightFilter, HeightVerdict};
 use crate::time::AutopilotTime;
 
+use super::estimator::climb_beyond;
 use super::event::EventKind;
 use super::event_log::EventLog;
 use super::reset::Reset;
 use super::settings::HeightSettings;
 use super::verdict::{Reason, Verdict};
-use crate::navigator::tuning::height::{SILENT_S, UNKNOWN_VERTICAL};
+use crate::navigator::tuning::height::{KNOWN_AGAIN, SILENT_S};
 
 /// A height of a source, above the origin, for the altimeter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,6 +32,8 @@ pub(super) struct HeightUpdate {
     pub(super) decision: bool,
     /// A fault was found or is over.
     pub(super) told: bool,
+    /// The height was not known any more, for nobody had measured it over a hole.
+    pub(super) unseen: bool,
 }
 
 /// See the module's documentation.
@@ -39,11 +42,13 @@ pub(super) struct HeightEstimate {
     filter: HeightFilter,
     /// When each channel was heard last, and what it told, m.
     heard: [Option<(AutopilotTime, f64)>; 4],
+    /// After a long hole, until the height is known to this again, m.
+    unseen: Option<f64>,
 }
 
 impl HeightEstimate {
     pub(super) fn new(settings: &HeightSettings) -> Self {
-        Self { filter: HeightFilter::new(settings.kind, settings.altimeter), heard: [None; 4] }
+        Self { filter: HeightFilter::new(settings.kind, settings.altimeter), heard: [None; 4], unseen: None }
     }
 
     /// Above the origin, m.
@@ -68,9 +73,12 @@ impl HeightEstimate {
         self.filter.predict(dt, accel_up, noise);
     }
 
-    /// The IMU was silent for `gap_s`.
-    pub(super) fn blind(&mut self, gap_s: f64) {
-        self.filter.blind(gap_s, UNKNOWN_VERTICAL);
+    /// The IMU was silent for `gap_s`, a hole that is `long` where nothing was published in it either.
+    pub(super) fn blind(&mut self, gap_s: f64, long: bool) {
+        if long && self.unseen.is_none() {
+            self.unseen = Some(KNOWN_AGAIN * self.filter.height_sigma_m());
+        }
+        self.filter.blind(gap_s, &climb_beyond(gap_s, self.filter.climb_mps()));
     }
 
     /// See [`HeightFilter::doubt`].
@@ -104,7 +112,9 @@ impl HeightEstimate {
         let heard = self.heard[channel.index()].replace((now, height_m));
         let moved_m = before.zip(self.filter.height_m()).map(|(before, after)| after - before);
         let returned = heard.is_none_or(|(t, _)| now.seconds_since(t) > SILENT_S);
-        HeightUpdate { verdict, moved_m, decision: told || returned, told }
+        let known_m = self.unseen.take();
+        self.unseen = known_m.filter(|m| self.filter.height_sigma_m() > *m);
+        HeightUpdate { verdict, moved_m, decision: told || returned, told, unseen: known_m.is_some() }
     }
 
     fn tell_changes(&mut self, now: AutopilotTime, events: &mut EventLog) -> bool {

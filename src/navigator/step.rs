@@ -69,7 +69,7 @@ impl Navigator {
 
     /// A hole of `gap_s` in the stream: the filter goes on over it with the doubt that it leaves, or everything begins anew.
     fn over_a_hole(&mut self, s: &ImuSample, gap_s: f64) {
-        self.core.height.blind(gap_s);
+        self.core.height.blind(gap_s, gap_s > self.core.settings.imu.bridge_s);
         if !self.carry_over(s, gap_s) {
             self.break_off(s, TransitionReason::ImuGap(gap_s));
         }
@@ -84,7 +84,8 @@ impl Navigator {
     fn carry_over(&mut self, s: &ImuSample, gap_s: f64) -> bool {
         let core = &mut self.core;
         let Some(environment) = core.surroundings.environment() else { return false };
-        let input = CarryInput { settings: &core.settings, environment };
+        let wing = core.vehicle.is(Airframe::FixedWing);
+        let input = CarryInput { settings: &core.settings, environment, wing };
         let Some(last) = core.stream.last().copied() else { return false };
         let Some(stepped) = core.estimator.carry_over(&last, s, gap_s, &input) else { return false };
         core.stream.over_the_interval(s, false);

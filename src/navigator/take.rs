@@ -21,6 +21,7 @@ use super::sources::gnss::{FixReading, ReceiverChoice, expectation, horizontal};
 use super::sources::status::{Measured, SourceId, SourceKind};
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, air_judge, flow_judge, heading_turn, receivers, relative};
+use crate::navigator::tuning::height::UNSEEN_JUMP_M;
 use crate::navigator::tuning::hole::LOST_YAW;
 
 impl Navigator {
@@ -86,10 +87,13 @@ impl Navigator {
             // A decision or a return moves the height once, and it glides there; all else is tracking.
             core.published.height_moved(moved_m, update.decision);
         }
+        // Over a hole nobody was told one either, and what is known again is not to be glided to for a minute.
+        let jump_m = core.settings.height.jump_m;
+        let most_m = if update.unseen { jump_m.min(UNSEEN_JUMP_M) } else { jump_m };
         if core.mode == Mode::Aligning {
             // Nobody was told a height yet: there is nothing to be continuous with.
             core.published.begin_height();
-        } else if core.published.height_offset_m().abs() > core.settings.height.jump_m
+        } else if core.published.height_offset_m().abs() > most_m
             && let Some(jump) = core.published.jump_height()
         {
             core.events.tell(now, EventKind::HeightReset(jump));

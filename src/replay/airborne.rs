@@ -17,7 +17,8 @@ struct Periods {
 }
 
 impl Periods {
-    fn note(&mut self, t_s: f64, so: bool) {
+    /// At `t_s`, where nothing is known of before `heard_from_s`: the log began then, or it had paused.
+    fn note(&mut self, t_s: f64, so: bool, heard_from_s: f64) {
         let first_s = *self.first_s.get_or_insert(t_s);
         match (self.since_s, so) {
             (None, true) => {
@@ -27,8 +28,8 @@ impl Periods {
             }
             (Some(since_s), false) => {
                 self.since_s = None;
-                // What is over in the moment in which it is first told of began before the log did.
-                let since_s = if first_s == t_s { 0.0 } else { since_s };
+                // What is over in the moment in which it is first told of began before the log did, or in its pause.
+                let since_s = if first_s == t_s { heard_from_s.min(t_s) } else { since_s };
                 if self.over.len() < MOST {
                     self.over.push((since_s, t_s));
                 }
@@ -76,11 +77,11 @@ impl ToldFlights {
             self.in_air.ended_before(t_s, since_s);
         }
         if let Some(armed) = status.armed {
-            self.armed.note(t_s, armed);
+            self.armed.note(t_s, armed, self.heard_again_s);
         }
         // One that is disarmed does not fly, whatever else it says.
         if let Some(landed) = status.landed {
-            self.in_air.note(t_s, !landed && status.armed != Some(false));
+            self.in_air.note(t_s, !landed && status.armed != Some(false), self.heard_again_s);
         }
     }
 

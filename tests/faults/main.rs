@@ -13,5 +13,6 @@ mod any_list;
 mod by_command;
 mod gnss;
 mod height;
+mod holes;
 mod imu;
 mod turns;

@@ -185,6 +185,21 @@ fn a_log_that_begins_in_flight_tells_of_its_end() {
 }
 
 #[test]
+fn what_ends_without_a_word_of_its_beginning_began_no_earlier_than_the_pause_ended() {
+    let mut log = Told::new();
+    log.runs(0.0, 14.0);
+    // Logging stands still while it is disarmed, and goes on with the motors.
+    log.runs(630.0, 680.0);
+    log.event(680.0, LANDED);
+    log.runs(680.02, 682.0);
+    log.event(682.0, DISARMED);
+    log.runs(682.02, 690.0);
+    let [armed, in_air] = log.periods();
+    near(&armed, &[(630.0, 682.0)]);
+    near(&in_air, &[(630.0, 680.0)]);
+}
+
+#[test]
 fn events_without_a_time_are_of_the_time_of_what_stands_before_them() {
     let mut log = Told::new();
     log.runs(0.0, 5.0);

@@ -145,3 +145,30 @@ fn the_covariance_stays_one_for_hours() {
     let least = (0.5 * (p + p.transpose())).symmetric_eigenvalues().min();
     assert!(least > -1e-9, "{least}");
 }
+
+/// Ten minutes that nobody saw: a bias has no acceleration to be in, a climb ends, and offsets go on as they do from step to step.
+#[test]
+fn over_a_time_that_was_not_seen_nothing_runs_away() {
+    let mut joint = joint();
+    joint.x[CLIMB] = 2.0;
+    joint.x[ACCEL_BIAS] = 0.08;
+    for channel in Channel::ALL {
+        joint.x[channel.offset()] = 4.0;
+    }
+    let mut stepped = joint.clone();
+    let climb = UnseenClimb { kept: 0.1, way_s: 18.0, height_m: 0.0, climb_mps: 0.0, both: 0.0 };
+    joint.unseen(617.0, &climb);
+    assert!((joint.x[HEIGHT] - 36.0).abs() < 1e-9 && (joint.x[CLIMB] - 0.2).abs() < 1e-9, "{}", joint.x);
+    // What is known of the climb rate is 0.5 m/s, and of the height 3 m.
+    assert!((joint.p[(HEIGHT, HEIGHT)] - (9.0 + 18.0 * 18.0 * 0.25)).abs() < 1e-6);
+    assert!((joint.p[(CLIMB, CLIMB)] - 0.0025).abs() < 1e-9);
+    assert!((joint.p[(HEIGHT, CLIMB)] - 0.45).abs() < 1e-9);
+    let small = stepped.transition(0.01);
+    (0..61_700).for_each(|_| stepped.predict(&small, 0.0, 0.0, 0.0));
+    assert!(stepped.x[HEIGHT].abs() > 1e3, "that is what ran away: {}", stepped.x);
+    for state in (ACCEL_BIAS..ACCEL_BIAS + 5).chain([FAULTS]) {
+        let (x, p) = (joint.x[state] - stepped.x[state], joint.p[(state, state)] / stepped.p[(state, state)]);
+        assert!(x.abs() < 1e-3 && (p.is_nan() || (p - 1.0).abs() < 2e-3), "{state}: {x} {p}");
+    }
+    assert!((joint.p - joint.p.transpose()).amax() == 0.0);
+}

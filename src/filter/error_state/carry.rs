@@ -31,6 +31,22 @@ impl Doubt {
         Doubt { tilt: 0.0, yaw: 0.0, position: 0.0, velocity: 0.0, correlation: 0.0, accel_bias: 0.0 };
 }
 
+/// What becomes of a velocity that nobody measures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fade {
+    /// What is left of it on each axis of NED, 0 to 1.
+    pub kept: [f64; 3],
+    /// How far it has led, s of it: the integral of what is left.
+    pub way_s: f64,
+}
+
+impl Fade {
+    /// It stays what it is for `seconds`.
+    pub const fn none(seconds: f64) -> Self {
+        Self { kept: [1.0; 3], way_s: seconds }
+    }
+}
+
 impl Eskf {
     /// Adds what may have happened. Tilt and heading are rotations about NED's axes.
     pub fn doubt(&mut self, doubt: &Doubt) {
@@ -71,18 +87,22 @@ impl Eskf {
         self.forget_jumps();
     }
 
-    /// Goes on for `seconds` at constant velocity: p ← p + v·t, with its error likewise, and every walk walks on. Attitude and velocity stay.
-    pub fn coast(&mut self, seconds: f64) {
+    /// Goes on for `seconds` without a measurement: p ← p + w v and v ← k v, of [`Fade`], with their errors likewise, and every walk walks on. The
+    /// attitude stays.
+    pub fn coast(&mut self, seconds: f64, fade: Fade) {
         self.propagate_covariance();
-        self.state.position_ned += self.state.velocity_ned * seconds;
-        // P ← Φ P Φᵀ with Φ = I but for δp += t δv: rows first, then columns.
+        self.state.position_ned += self.state.velocity_ned * fade.way_s;
+        self.state.velocity_ned.component_mul_assign(&Vector3::from(fade.kept));
+        // P ← Φ P Φᵀ with Φ = I but for δp += w δv and δv ← k δv: rows first, then columns.
         for i in 0..3 {
-            let moved = self.p.row(V + i) * seconds;
+            let moved = self.p.row(V + i) * fade.way_s;
             self.p.row_mut(P + i).zip_apply(&moved, |p, m| *p += m);
+            self.p.row_mut(V + i).scale_mut(fade.kept[i]);
         }
         for i in 0..3 {
-            let moved = self.p.column(V + i) * seconds;
+            let moved = self.p.column(V + i) * fade.way_s;
             self.p.column_mut(P + i).zip_apply(&moved, |p, m| *p += m);
+            self.p.column_mut(V + i).scale_mut(fade.kept[i]);
         }
         let s = self.settings;
         for (at, n, density) in [
@@ -136,11 +156,18 @@ mod tests {
     #[test]
     fn what_coasts_moves_with_its_velocity_and_its_doubt() {
         let mut filter = filter();
-        filter.coast(4.0);
+        filter.coast(4.0, Fade::none(4.0));
         assert!((filter.state().position_ned - Vector3::new(12.0, -4.0, 0.0)).norm() < 1e-12);
         // 1² + (4 · 0.5)²
         assert!((filter.position_covariance()[(0, 0)] - 5.0).abs() < 1e-12);
         assert!((filter.velocity_covariance()[(0, 0)] - 0.25).abs() < 1e-12);
+        // Half of the velocity goes over, on a way of 3 s of it; 5 + 2 · 3 · 1 + 9 · 0.25, for cov(p, v) is 4 · 0.25.
+        filter.coast(4.0, Fade { kept: [0.5; 3], way_s: 3.0 });
+        assert!((filter.state().position_ned - Vector3::new(21.0, -7.0, 0.0)).norm() < 1e-12);
+        assert!((filter.state().velocity_ned - Vector3::new(1.5, -0.5, 0.0)).norm() < 1e-12);
+        assert!((filter.position_covariance()[(0, 0)] - 13.25).abs() < 1e-12);
+        assert!((filter.velocity_covariance()[(0, 0)] - 0.0625).abs() < 1e-12);
+        assert!(SymmetricEigen::new(filter.p).eigenvalues.min() > -1e-9);
     }
 
     #[test]

@@ -25,7 +25,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::geo::polar_rotation;
 use crate::geo::so3::exp;
-pub use carry::Doubt;
+pub use carry::{Doubt, Fade};
 use covariance::{Covariance, ErrorTransition, SparseRow, reduce};
 use jumps::JumpBank;
 pub use jumps::{FLOW_JUMPS, IMU_JUMPS, JUMPS, JumpFit, JumpOdds, JumpWindow, RECEIVER_JUMPS};

@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3};
 
 use crate::camera::FlowCalibration;
 use crate::filter::error_state::{
-    AirModel, Correction, Eskf, EskfMemory, EskfSettings, EskfState, JumpOdds, JumpWindow, Lag, SeenFlow,
-    StartSigma,
+    AirModel, Correction, Eskf, EskfMemory, EskfSettings, EskfState, Fade, JumpOdds, JumpWindow, Lag,
+    SeenFlow, StartSigma,
 };
 use crate::geo::so3;
 use crate::observer::ObserverState;
@@ -454,18 +454,18 @@ impl ErrorStateStage {
         self.filter.is_finite().then(|| self.stepped(s, acceleration))
     }
 
-    /// Over a hole that is too long for that: with the velocity that it had. `None` when that is not finite.
-    pub(super) fn coast(&mut self, s: &ImuSample, gap_s: f64) -> Option<Stepped> {
+    /// Over a hole that is too long for that: with the velocity that it had, as it goes over. `None` when that is not finite.
+    pub(super) fn coast(&mut self, s: &ImuSample, gap_s: f64, wing: bool) -> Option<Stepped> {
         self.forget_past();
-        self.filter.coast(gap_s);
         let speed = self.filter.state().velocity_ned.norm();
+        self.filter.coast(gap_s, hole::fade_over(gap_s, wing));
         self.filter.doubt(&hole::doubt_beyond(gap_s, speed));
         self.filter.is_finite().then(|| self.stepped(s, Vector3::zeros()))
     }
 
     /// `dt` s without inertia, as part of a time without it that goes from one of `span_s` to the other. `None` when that is not finite.
     pub(super) fn coast_on(&mut self, s: &ImuSample, dt: f64, span_s: [f64; 2]) -> Option<Stepped> {
-        self.filter.coast(dt);
+        self.filter.coast(dt, Fade::none(dt));
         let state = self.filter.state();
         let v = self.filter.velocity_covariance();
         let doubt = hole::doubt_more(span_s, state.velocity_ned.norm(), v[(0, 0)].max(v[(1, 1)]));

@@ -7,6 +7,11 @@
 //!
 //! var δv = σ²(1 − e^(−2t/τ)),  var δp = σ²τ²(2t/τ − 3 + 4e^(−t/τ) − e^(−2t/τ)),  cov(δp, δv) = σ²τ(1 − e^(−t/τ))².
 //!
+//! How long a leg lasts nobody knows: τ is that of manoeuvres in a short hole, and in a longer one what leaves the most doubt of the position,
+//! t/1.9, which makes σ_p = 0.62 σ t. The velocity after it still has to do with the way of the last manoeuvre alone. Its mean goes over
+//! in a time T of its own, v̂ = v e^(−t/T), p̂ = p + v T (1 − e^(−t/T)): a vehicle that flew on for minutes as it did last would be in another
+//! country, and one that climbed on in space. The height goes the same way.
+//!
 //! **Attitude.** A vehicle in the air keeps its tilt within bounds and its heading not. After a long hole the mean specific force of some
 //! tenths of a second, less the centripetal force of a wing, says where up is, and the magnetic field where north is.
 
@@ -14,13 +19,14 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use nalgebra::Vector3;
 
-use crate::filter::error_state::{Doubt, EskfState};
+use crate::altimeter::UnseenClimb;
+use crate::filter::error_state::{Doubt, EskfState, Fade};
 use crate::geo::so3;
 use crate::sample::ImuSample;
 
 use crate::navigator::tuning::hole::{
-    CORRELATED_S, LEAST_SPEED, LEVEL_SIGMA, MOST_TILT, MOST_YAW, SETTLED_S, UNKNOWN_ACCELERATION,
-    UNKNOWN_RATE, WAIT_FOR_FIELD_S,
+    CORRELATED_S, FADES_S, LEAST_CLIMB, LEAST_SPEED, LEVEL_SIGMA, MOST_DOUBTFUL, MOST_TILT, MOST_YAW,
+    SETTLED_S, UNKNOWN_ACCELERATION, UNKNOWN_RATE, WAIT_FOR_FIELD_S,
 };
 
 /// What may have happened in `gap_s` besides what was felt before and after.
@@ -37,15 +43,35 @@ pub(super) fn doubt_between(gap_s: f64) -> Doubt {
     }
 }
 
-/// What may have happened in `gap_s` to a vehicle that flew at `speed_mps`, when nothing of it was felt. In the long run a velocity of this
-/// length has any direction, and v/√2 an axis.
-pub(super) fn doubt_beyond(gap_s: f64, speed_mps: f64) -> Doubt {
-    let (sigma, tau) = ((speed_mps * FRAC_1_SQRT_2).max(LEAST_SPEED), CORRELATED_S);
+/// What is left of a velocity after `gap_s`, as far as anybody can tell, and how far it has led, s of it.
+fn faded(gap_s: f64) -> (f64, f64) {
+    let gone = -(-gap_s / FADES_S).exp_m1();
+    (1.0 - gone, FADES_S * gone)
+}
+
+/// Where the velocity of a vehicle goes in `gap_s`. A wing has turned by then as well, but it has not stopped: that it still flies is what its
+/// airspeed is held against, and its course is doubted by all of its speed.
+pub(super) fn fade_over(gap_s: f64, wing: bool) -> Fade {
+    let (kept, way_s) = faded(gap_s);
+    let level = if wing { 1.0 } else { kept };
+    Fade { kept: [level, level, kept], way_s }
+}
+
+/// What an axis may be off by after `gap_s`, where its velocity is of standard deviation `sigma`, m/s, in the long run: the standard deviations of
+/// position and velocity, m and m/s, and their covariance, m²/s.
+fn process(gap_s: f64, sigma: f64) -> [f64; 3] {
+    let tau = CORRELATED_S.max(gap_s / MOST_DOUBTFUL);
     let kept = (-gap_s / tau).exp();
     let velocity = sigma * (1.0 - kept * kept).max(0.0).sqrt();
     let way = 2.0 * gap_s / tau - 3.0 + 4.0 * kept - kept * kept;
-    let position = sigma * tau * way.max(0.0).sqrt();
-    let both = sigma * sigma * tau * (1.0 - kept).powi(2);
+    let manoeuvre = (-gap_s / CORRELATED_S).exp_m1();
+    [sigma * tau * way.max(0.0).sqrt(), velocity, sigma * sigma * CORRELATED_S * manoeuvre * manoeuvre]
+}
+
+/// What may have happened in `gap_s` to a vehicle that flew at `speed_mps`, when nothing of it was felt. In the long run a velocity of this
+/// length has any direction, and v/√2 an axis.
+pub(super) fn doubt_beyond(gap_s: f64, speed_mps: f64) -> Doubt {
+    let [position, velocity, both] = process(gap_s, (speed_mps * FRAC_1_SQRT_2).max(LEAST_SPEED));
     let correlation = both / (position * velocity).max(f64::MIN_POSITIVE);
     Doubt {
         tilt: (UNKNOWN_RATE * gap_s).min(MOST_TILT),
@@ -55,6 +81,15 @@ pub(super) fn doubt_beyond(gap_s: f64, speed_mps: f64) -> Doubt {
         correlation: correlation.min(0.75f64.sqrt()),
         accel_bias: 0.0,
     }
+}
+
+/// The same of a height that was climbing at `climb_mps`.
+pub(in super::super) fn climb_beyond(gap_s: f64, climb_mps: f64) -> UnseenClimb {
+    let [height_m, climb_mps, both] = process(gap_s, climb_mps.abs().max(LEAST_CLIMB));
+    let (kept, way_s) = faded(gap_s);
+    // What is not known of either has to be a covariance.
+    let both = both.min(0.75f64.sqrt() * height_m * climb_mps);
+    UnseenClimb { kept, way_s, height_m, climb_mps, both }
 }
 
 /// What more may have happened from one time to another, `span_s`, since there is no inertia, to a vehicle at `speed_mps` whose velocity is known
@@ -76,6 +111,8 @@ pub(super) fn doubt_more(span_s: [f64; 2], speed_mps: f64, variance: f64) -> Dou
 /// against NED's by the error of that attitude, which is constant while the gyros carry it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Settling {
+    /// How fast a wing went through the air when it was last known, m/s.
+    nose_mps: f64,
     seconds: f64,
     /// ∫ of what points up, m/s.
     up: Vector3<f64>,
@@ -91,6 +128,11 @@ pub(super) struct Levelled {
 }
 
 impl Settling {
+    /// Begins, of a vehicle that flew like this before: a wing keeps its speed, whatever becomes of its course.
+    pub(super) fn after(state: &EskfState) -> Self {
+        Self { nose_mps: state.air_velocity_body().norm(), ..Self::default() }
+    }
+
     /// One IMU sample over `dt` s; `wing` flies nose first. The level once it is known; with a magnetometer about its field is waited for.
     pub(super) fn feel(
         &mut self,
@@ -103,7 +145,7 @@ impl Settling {
         let mut up = s.specific_force.raw() - state.accel_bias;
         if wing {
             // In a coordinated turn the specific force has no side: what curves the path is no part of gravity's reaction.
-            let nose = Vector3::x() * state.air_velocity_body().norm();
+            let nose = Vector3::x() * self.nose_mps;
             up -= (s.angular_rate.raw() - state.gyro_bias).cross(&nose);
         }
         self.seconds += dt;
@@ -153,13 +195,14 @@ mod tests {
     fn doubt_grows_with_the_hole_and_not_beyond_what_a_vehicle_does() {
         let doubts = [0.5, 1.0, 2.0, 5.0, 10.0, 60.0, 600.0].map(|t| doubt_beyond(t, 3.0));
         for pair in doubts.windows(2) {
-            assert!(pair[1].position > pair[0].position && pair[1].velocity >= pair[0].velocity);
+            assert!(pair[1].position > pair[0].position && pair[1].velocity >= pair[0].velocity - 1e-9);
             assert!(pair[1].tilt >= pair[0].tilt && pair[1].yaw >= pair[0].yaw);
         }
         assert!(doubts.iter().all(|d| (0.0..1.0).contains(&d.correlation)));
-        assert!((doubts[6].velocity - LEAST_SPEED).abs() < 1e-9, "{:?}", doubts[6]);
-        // Metres after a second, not kilometres after a minute.
+        assert!((0.98..=1.0).contains(&(doubts[6].velocity / LEAST_SPEED)), "{:?}", doubts[6]);
+        // Metres after a second, not kilometres after a minute, and after ten minutes wherever such a vehicle gets to.
         assert!(doubts[1].position < 2.0 && doubts[5].position < 150.0, "{doubts:?}");
+        assert!((0.5..0.7).contains(&(doubts[6].position / (600.0 * LEAST_SPEED))), "{doubts:?}");
         let fast = doubt_beyond(10.0, 20.0);
         assert!((fast.position / doubts[4].position - 20.0 * FRAC_1_SQRT_2 / LEAST_SPEED).abs() < 1e-9);
         assert!([0.0, 1e-9, 1e-4].map(|t| doubt_beyond(t, 3.0)).iter().all(|d| d.position.is_finite()));
@@ -177,7 +220,8 @@ mod tests {
                 pv + dt * (vv - pv / tau),
                 vv + dt * (2.0 * sigma * sigma / tau - 2.0 * vv / tau),
             );
-            if k % 2000 == 0 {
+            // Longer holes have a correlation time of their own.
+            if k % 2000 == 0 && f64::from(k) * dt <= MOST_DOUBTFUL * tau {
                 let d = doubt_beyond(f64::from(k) * dt, 0.0);
                 assert!((d.velocity * d.velocity / vv - 1.0).abs() < 2e-3);
                 assert!((d.position * d.position / pp - 1.0).abs() < 5e-3, "{pp} {}", d.position);
@@ -185,6 +229,32 @@ mod tests {
                 assert!((both / pv - 1.0).abs() < 0.02, "{both} {pv}");
             }
         }
+    }
+
+    /// No correlation time leaves more doubt of the position than that of a long hole.
+    #[test]
+    fn the_doubt_of_a_long_hole_is_the_most_that_a_process_leaves() {
+        let of = |x: f64| (2.0 * x - 3.0 + 4.0 * (-x).exp() - (-2.0 * x).exp()).sqrt() / x;
+        let most = (1..1000).map(|k| of(f64::from(k) * 0.01)).fold(0.0, f64::max);
+        for gap_s in [8.0, 60.0, 600.0, 6000.0] {
+            let [position, _, _] = process(gap_s, 5.0);
+            assert!((position / (5.0 * gap_s) / most - 1.0).abs() < 1e-3, "{gap_s}: {position}");
+        }
+    }
+
+    #[test]
+    fn neither_way_nor_climb_runs_away_over_any_hole() {
+        for gap_s in [0.6, 5.0, 60.0, 600.0, 1e5, 1e9] {
+            let fade = fade_over(gap_s, false);
+            let kept = fade.kept[2];
+            assert!(fade.way_s <= FADES_S && fade.way_s <= gap_s && (0.0..1.0).contains(&kept), "{fade:?}");
+            assert_eq!((fade.kept, fade_over(gap_s, true).kept), ([kept; 3], [1.0, 1.0, kept]));
+            let climb = climb_beyond(gap_s, -2.0);
+            assert!(climb.height_m > 0.35 * gap_s.min(5.0) && climb.climb_mps <= LEAST_CLIMB, "{climb:?}");
+            assert!(climb.both < climb.height_m * climb.climb_mps, "{climb:?}");
+        }
+        // Over a short one it goes on as it went.
+        assert!((faded(1.0).1 - 1.0).abs() < 0.03 && faded(1.0).0 > 0.95);
     }
 
     fn feel(r: &Matrix3<f64>, believed: &Matrix3<f64>, force: Vector3<f64>, rate: Vector3<f64>) -> Levelled {
@@ -196,7 +266,7 @@ mod tests {
             angular_rate: Body::new(rate),
             specific_force: Body::new(force),
         };
-        let mut settling = Settling::default();
+        let mut settling = Settling::after(&state);
         (0..100).find_map(|_| settling.feel(&s, 0.01, &state, rate.norm() > 0.0, false)).unwrap()
     }
 

@@ -42,6 +42,7 @@ pub(super) use error_state::{ErrorStateStage, FilterPast, StartPoint};
 use exogenous::ExogenousStage;
 use heading::HeadingSearch;
 use hole::Settling;
+pub(super) use hole::climb_beyond;
 use observer::ObserverStage;
 pub(super) use step::{CarryInput, SeekInput, StepInput, StepOutcome, Stepped, has_flow, has_magnetometer};
 use step::{Progress, is_blind};
@@ -468,29 +469,6 @@ impl EstimatorStack {
         }
         self.start_filter_as(now, from, &heading::start_sigmas(e));
         self.heading.fly_on();
-    }
-
-    /// Carries the error-state filter over a hole of `gap_s` that ends with `s`: a short one with what was felt before and after, a longer
-    /// one with its velocity, and then the attitude has to be found again. `None` when there is no filter.
-    pub(super) fn carry_over(
-        &mut self,
-        last: &ImuSample,
-        s: &ImuSample,
-        gap_s: f64,
-        input: &CarryInput<'_>,
-    ) -> Option<Stepped> {
-        let stage = self.error_state_mut()?;
-        let short = gap_s <= input.settings.imu.bridge_s;
-        let stepped = if short {
-            stage.bridge(last, s, gap_s, input.environment)?
-        } else {
-            let stepped = stage.coast(s, gap_s)?;
-            self.settling = Some(Settling::default());
-            stepped
-        };
-        self.doubted();
-        self.follow_filter();
-        Some(stepped)
     }
 
     /// The observer has no such memory: it goes on from where the filter is.

@@ -144,6 +144,8 @@ pub(in super::super) struct StepOutcome {
 pub(in super::super) struct CarryInput<'a> {
     pub(in super::super) settings: &'a NavigatorSettings,
     pub(in super::super) environment: &'a LocalEnvironment,
+    /// It is a fixed wing.
+    pub(in super::super) wing: bool,
 }
 
 /// What the search for a heading needs besides the sample.

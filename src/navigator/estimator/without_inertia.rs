@@ -1,4 +1,4 @@
-//! The estimator while the IMU is not believed, and what is doubted when it was wrong.
+//! The estimator while the IMU is silent or not believed, and what is doubted when it was wrong.
 
 use nalgebra::Matrix2;
 
@@ -15,9 +15,33 @@ use super::super::sources::parting::LedAway;
 use super::EstimatorStack;
 use super::error_state::ErrorStateStage;
 use super::hole::Settling;
-use super::step::Stepped;
+use super::step::{CarryInput, Stepped};
 
 impl EstimatorStack {
+    /// Carries the error-state filter over a hole of `gap_s` that ends with `s`: a short one with what was felt before and after, a longer
+    /// one with its velocity as that goes over, and then the attitude has to be found again. `None` when there is no filter.
+    pub(in super::super) fn carry_over(
+        &mut self,
+        last: &ImuSample,
+        s: &ImuSample,
+        gap_s: f64,
+        input: &CarryInput<'_>,
+    ) -> Option<Stepped> {
+        let stage = self.error_state_mut()?;
+        let short = gap_s <= input.settings.imu.bridge_s;
+        let stepped = if short {
+            stage.bridge(last, s, gap_s, input.environment)?
+        } else {
+            let settling = Settling::after(stage.filter().state());
+            let stepped = stage.coast(s, gap_s, input.wing)?;
+            self.settling = Some(settling);
+            stepped
+        };
+        self.doubted();
+        self.follow_filter();
+        Some(stepped)
+    }
+
     /// `dt` s without inertia: the velocity is what it was, with the doubt that vehicles leave. `None` when there is no filter; `lag_s`: for how long
     /// the inertia had been wrong before that was known, s.
     pub(in super::super) fn coast_on(&mut self, s: &ImuSample, dt: f64, lag_s: f64) -> Option<Stepped> {
@@ -70,8 +94,8 @@ impl EstimatorStack {
 
     /// There is inertia again: the attitude is found anew.
     pub(in super::super) fn feel_again(&mut self) {
-        if self.coasted_s.take().is_some() && self.has_error_state() {
-            self.settling = Some(Settling::default());
+        if self.coasted_s.take().is_some() {
+            self.settling = self.filter_state().map(Settling::after).or(self.settling);
         }
     }
 

@@ -43,6 +43,10 @@ pub(in crate::navigator) mod height {
     pub(in crate::navigator) const SILENT_S: f64 = 1.0;
     /// What a vertical acceleration may be that nobody has measured, m/s².
     pub(in crate::navigator) const UNKNOWN_VERTICAL: f64 = 2.0;
+    /// After a hole the height is known again when its standard deviation is this many times what it was before.
+    pub(in crate::navigator) const KNOWN_AGAIN: f64 = 2.0;
+    /// Further than this it is jumped to then, m: at the speed of the glide that would take four seconds.
+    pub(in crate::navigator) const UNSEEN_JUMP_M: f64 = 2.0;
 }
 
 /// Fixes by landmarks.
