@@ -51,6 +51,13 @@ impl Altimeter {
         }
     }
 
+    /// The barometer's offset may have walked by `variance` m² beyond its model, and so it is not held to that.
+    pub(super) fn loosen_offset_reference(&mut self, variance: f64) {
+        if let Some(reference) = &mut self.drift.reference {
+            reference.variance += variance;
+        }
+    }
+
     /// Looks whether the barometer's offset is still what it may be.
     pub(super) fn look_for_drift(&mut self) {
         let elapsed = self.clock_s - std::mem::replace(&mut self.drift.looked_s, self.clock_s);
@@ -65,7 +72,9 @@ impl Altimeter {
         let odds = 0.5 * difference * difference / variance;
         if self.drift.since_s.is_some() {
             let walk = self.settings.channels[Channel::Baro.index()].offset.walk;
-            self.loosen(Channel::Baro, LOOSE * walk, elapsed);
+            // That is no model of what it may be: the reference stays.
+            let o = Channel::Baro.offset();
+            self.joint.p[(o, o)] += (LOOSE * walk).powi(2) * elapsed;
             if odds < UNDRIFTED {
                 self.drift.since_s = None;
                 if !self.health(Channel::Baro).is_faulty() {

@@ -173,11 +173,18 @@ impl Altimeter {
         self.clock_s + self.pending.0
     }
 
-    /// A channel's offset may change faster for now (a barometer in the ground effect): it walks by `walk` m/√s over `dt` seconds.
+    /// A channel's offset may change faster for now (a barometer in the ground effect): it walks by `walk` m/√s over `dt` seconds. Of one
+    /// that is off it is the fault's size that walks, so that it is over once it has walked back.
     pub fn loosen(&mut self, channel: Channel, walk: f64, dt: f64) {
         let q = walk * walk * dt;
-        if q > 0.0 && q < LOST_VARIANCE && self.channels[channel.index()].started {
-            self.joint.p[(channel.offset(), channel.offset())] += q;
+        let state = &self.channels[channel.index()];
+        if q > 0.0 && q < LOST_VARIANCE && state.started {
+            let biased = state.biased_since_s.is_some();
+            let walks = if biased { channel.fault() } else { channel.offset() };
+            self.joint.p[(walks, walks)] += q;
+            if channel == Channel::Baro && !biased {
+                self.loosen_offset_reference(q);
+            }
         }
     }
 

@@ -6,6 +6,7 @@ use crate::time::AutopilotTime;
 use super::estimator::climb_beyond;
 use super::event::EventKind;
 use super::event_log::EventLog;
+use super::height_wander::HeightWander;
 use super::reset::Reset;
 use super::settings::HeightSettings;
 use super::verdict::{Reason, Verdict};
@@ -40,6 +41,7 @@ pub(super) struct HeightUpdate {
 #[derive(Clone, Debug)]
 pub(super) struct HeightEstimate {
     filter: HeightFilter,
+    wander: HeightWander,
     /// When each channel was heard last, and what it told, m.
     heard: [Option<(AutopilotTime, f64)>; 4],
     /// After a long hole, until the height is known to this again, m.
@@ -48,7 +50,12 @@ pub(super) struct HeightEstimate {
 
 impl HeightEstimate {
     pub(super) fn new(settings: &HeightSettings) -> Self {
-        Self { filter: HeightFilter::new(settings.kind, settings.altimeter), heard: [None; 4], unseen: None }
+        Self {
+            filter: HeightFilter::new(settings.kind, settings.altimeter),
+            wander: HeightWander::new(&settings.altimeter),
+            heard: [None; 4],
+            unseen: None,
+        }
     }
 
     /// Above the origin, m.
@@ -89,6 +96,7 @@ impl HeightEstimate {
     /// What comes on a channel is another sensor's from now on.
     pub(super) fn another(&mut self, channel: Channel) {
         self.filter.another(channel);
+        self.wander.forget(channel);
     }
 
     /// The barometers' offsets walk by `walk` m/√s for `dt` s.
@@ -96,6 +104,24 @@ impl HeightEstimate {
         for channel in [Channel::Baro, Channel::SecondBaro] {
             self.filter.loosen(channel, walk, dt);
         }
+    }
+
+    /// Sources wander by what they were found to for `dt` s more.
+    pub(super) fn wander(&mut self, dt: f64, resting: bool) {
+        self.wander.step(dt, resting);
+        for channel in [Channel::Baro, Channel::SecondBaro, Channel::Gnss] {
+            self.filter.loosen(channel, self.wander.walk(channel), dt);
+        }
+    }
+
+    /// The ground under the beam changes by `walk` m/√s for `dt` s.
+    pub(super) fn loosen_ground(&mut self, walk: f64, dt: f64) {
+        self.filter.loosen(Channel::Range, walk, dt);
+    }
+
+    /// How far down the ground is, m, by a rangefinder, whatever becomes of that as a height.
+    pub(super) fn hear_ground(&mut self, above_m: f64) {
+        self.wander.hear(Channel::Range, above_m, None);
     }
 
     /// Takes a reading and tells what it changed.
@@ -107,6 +133,10 @@ impl HeightEstimate {
     ) -> HeightUpdate {
         let before = self.filter.height_m();
         let HeightReading { channel, height_m, sigma_m, age_s } = *reading;
+        if channel != Channel::Range && !(channel == Channel::Gnss && self.health(channel).is_faulty()) {
+            self.wander.hear(channel, height_m, sigma_m);
+        }
+        let sigma_m = self.wander.sigma_m(channel, sigma_m);
         let verdict = self.filter.measure(channel, height_m, sigma_m, age_s);
         let told = self.tell_changes(now, events);
         let heard = self.heard[channel.index()].replace((now, height_m));
@@ -121,8 +151,14 @@ impl HeightEstimate {
         let mut told = false;
         while let Some(change) = self.filter.next_change() {
             let kind = match change {
-                Change::Faulty { channel, fault, for_s } => EventKind::HeightFault { channel, fault, for_s },
-                Change::Healed(channel) => EventKind::HeightHealed(channel),
+                Change::Faulty { channel, fault, for_s } => {
+                    self.wander.forget(channel);
+                    EventKind::HeightFault { channel, fault, for_s }
+                }
+                Change::Healed(channel) => {
+                    self.wander.forget(channel);
+                    EventKind::HeightHealed(channel)
+                }
                 Change::InertialAstray { height_step_m } => EventKind::InertialHeight(height_step_m),
             };
             events.tell(now, kind);

@@ -30,6 +30,7 @@ mod event_log;
 mod flow_judge;
 mod heading_turn;
 mod height;
+mod height_wander;
 mod inertia;
 pub mod judge;
 mod landmark_fix;

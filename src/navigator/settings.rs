@@ -141,6 +141,8 @@ pub struct HeightSettings {
     pub ground_effect_below_m: f64,
     /// … and its offset walks by this much there, m/√s.
     pub ground_effect_walk: f64,
+    /// The ground under a vehicle that moves changes by this much, m/√s.
+    pub ground_walk: f64,
     /// Speed at which the published height glides to the estimate, m/s.
     pub glide_mps: f64,
     /// A longer way is jumped, and the reset counter says so, m.

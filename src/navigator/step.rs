@@ -21,6 +21,7 @@ use super::vehicle::VehicleState;
 use super::verdict::{Reason, Verdict};
 use super::{Mode, Navigator, landmark_fix, relative};
 use crate::navigator::tuning::height::UNKNOWN_VERTICAL;
+use crate::navigator::tuning::height_wander::GROUND_CHANGES_MPS;
 use crate::navigator::tuning::inertia_witness::{STUCK_FOR_S, WRONG_FOR_S};
 use crate::navigator::tuning::step::{HELD_FIELD_S, LONG_STEP_S};
 use crate::time::AutopilotTime;
@@ -300,7 +301,7 @@ impl Core {
         velocity_ned
     }
 
-    /// The air under a multirotor near the ground is not what the barometer thinks: its offset is loose there.
+    /// The air under a multirotor near the ground is not what the barometer thinks: its offset is loose there. So is every height as this vehicle has shown.
     fn feel_ground(&mut self, dt: f64, facts: &SourceFacts) {
         let h = &self.settings.height;
         let near = facts
@@ -310,6 +311,12 @@ impl Core {
         if near && !facts.resting && self.mode != Mode::Aligning {
             self.height.loosen_barometers(h.ground_effect_walk, dt);
         }
+        // Below a vehicle that stands the ground is what it was; without a trusted velocity nobody knows whether it does.
+        let speed =
+            self.estimator.estimate().filter(|_| self.mode == Mode::Aided).map(|(_, v)| v.xy().norm());
+        let changes = speed.map_or(1.0, |v| (v / GROUND_CHANGES_MPS).min(1.0).sqrt());
+        self.height.loosen_ground(h.ground_walk * changes, dt);
+        self.height.wander(dt, facts.resting || self.mode == Mode::Aligning);
     }
 
     /// What moves like something that flies is not disarmed, whatever it says.

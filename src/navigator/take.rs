@@ -123,7 +123,11 @@ impl Navigator {
 
     pub(super) fn rangefinder(&mut self, s: &RangeSample) -> Verdict {
         let context = Context { core: &self.core, facts: self.sources.facts(&self.core) };
-        match self.sources.rangefinders.observe(s, &context) {
+        let observed = self.sources.rangefinders.observe(s, &context);
+        if let Some(above_m) = self.sources.rangefinders.told(s.time) {
+            self.core.height.hear_ground(above_m);
+        }
+        match observed {
             Err(reason) => Verdict::Rejected(reason),
             Ok(reading) => {
                 if let (Some(reading), Some(now)) = (reading, self.core.stream.newest()) {

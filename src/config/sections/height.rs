@@ -29,7 +29,7 @@ section! {
         range_below_m: f64 = 8.0 in 0.0 ..= 1000.0 was "height.range_below_m";
         /// Noise of the rangefinder's distance as a height.
         range_noise_m: f64 = 0.2 in 0.001 ..= 10.0 was "height.range_noise_m";
-        /// How much the ground under the vehicle changes.
+        /// How much the ground under a vehicle that moves changes.
         ground_walk: f64 = 0.5 in 0.0 ..= 100.0 unit "m/√s" was "height.ground_walk";
         /// Below this height over ground the rotors' air disturbs the barometer …
         ground_effect_below_m: f64 = 2.5 in 0.0 ..= 100.0 was "height.ground_effect_below_m";
@@ -83,6 +83,7 @@ impl HeightTuning {
             range_below_m: self.range_below_m,
             ground_effect_below_m: self.ground_effect_below_m,
             ground_effect_walk: self.ground_effect_walk,
+            ground_walk: self.ground_walk,
             glide_mps: self.glide_mps,
             jump_m: self.jump_m,
         }
@@ -105,6 +106,7 @@ impl HeightTuning {
             },
         };
         let baro = walking(self.baro_noise_m, self.baro_offset_walk);
-        [baro, gnss, baro, walking(self.range_noise_m, self.ground_walk)]
+        // The ground walks as the vehicle moves over it: that is the navigator's to say.
+        [baro, gnss, baro, walking(self.range_noise_m, 0.0)]
     }
 }

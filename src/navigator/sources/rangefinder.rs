@@ -1,4 +1,7 @@
 //! A rangefinder: the distance to the ground, where the ground is, and near it a height.
+//!
+//! What a distance should be is asked of every height there is: the altimeter's, which may be led astray by one source, and what each source
+//! tells itself, however it wanders. A distance that follows any of them is one of the ground, for an echo or a sensor that is stuck follows none.
 
 use crate::altimeter::Channel;
 use crate::sample::RangeSample;
@@ -15,7 +18,7 @@ use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::rangefinder::{
     DISPUTE_S, FOLLOW_STEP_S, GROUND_BELIEVED_S, GROUND_RATE_MPS, GROUND_SLOPE, GROUND_STEP_FRACTION,
     GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, LEVEL_COSINE, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST,
-    ONLY_S, RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S,
+    ONLY_S, RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S, WITNESS_S,
 };
 
 /// The ground is seen elsewhere than it was.
@@ -38,16 +41,48 @@ struct Dispute {
 struct SameDistance {
     since: AutopilotTime,
     distance_m: f64,
-    /// Least and greatest length of the beam meanwhile, by the altimeter, m.
-    expected_m: [f64; 2],
+    /// Least and greatest length of the beam meanwhile, by every height that was there all the time, m.
+    expected_m: [Option<[f64; 2]>; HEIGHTS],
 }
 
 impl SameDistance {
-    /// Whether the beam has become longer or shorter by more than any resolution hides.
+    fn new(now: AutopilotTime, distance_m: f64, beams_m: &Heights) -> Self {
+        Self { since: now, distance_m, expected_m: beams_m.map(|beam| beam.map(|m| [m; 2])) }
+    }
+
+    /// Told once more.
+    fn again(self, beams_m: &Heights) -> Self {
+        let both = |i: usize| {
+            let (seen, m) = (self.expected_m[i]?, beams_m[i]?);
+            Some([seen[0].min(m), seen[1].max(m)])
+        };
+        Self { expected_m: std::array::from_fn(both), ..self }
+    }
+
+    /// Whether the beam has become longer or shorter by more than any resolution hides, by whichever height that is asked.
     fn is_stuck(&self, now: AutopilotTime) -> bool {
-        let changed_m = self.expected_m[1] - self.expected_m[0];
+        let changed_m = least(self.expected_m.map(|seen| seen.map(|m| m[1] - m[0])));
         now.seconds_since(self.since) > STUCK_S && changed_m > STUCK_M.max(RELATIVE_SIGMA * self.distance_m)
     }
+}
+
+/// The altimeter's height, and those of the sources that are heard, m: each with an offset of its own.
+type Heights = [Option<f64>; HEIGHTS];
+const HEIGHTS: usize = 4;
+const WITNESSES: [Channel; HEIGHTS - 1] = [Channel::Baro, Channel::SecondBaro, Channel::Gnss];
+
+/// The least of what there is.
+fn least(of: Heights) -> f64 {
+    of.into_iter().flatten().fold(f64::INFINITY, f64::min)
+}
+
+fn heights(now: AutopilotTime, height_m: f64, context: &Context<'_>) -> Heights {
+    let told = |channel| {
+        let (t, m) = context.core.height.reading(channel)?;
+        (now.seconds_since(t).abs() < WITNESS_S).then_some(m)
+    };
+    let [a, b, c] = WITNESSES.map(told);
+    [Some(height_m), a, b, c]
 }
 
 /// See the module's documentation.
@@ -57,8 +92,10 @@ pub(super) struct RangefinderSource {
     /// The least that it has told, m: what it tells of a vehicle that stands.
     least_m: Option<f64>,
     newest: Option<(AutopilotTime, f64)>,
-    /// Height of the ground above the origin, where it was last seen beyond dispute, m.
-    ground_m: Option<f64>,
+    /// The newest height over ground that it told, m, whatever became of it.
+    told: Option<(AutopilotTime, f64)>,
+    /// Height of the ground above the origin, where it was last seen beyond dispute, m, and above what each source counts from.
+    grounds_m: Heights,
     dispute: Option<Dispute>,
     following: Following,
     /// When the ground was last followed.
@@ -75,12 +112,17 @@ impl RangefinderSource {
 
     /// The ground is where it was last seen.
     pub(super) fn recalling(ground_m: f64) -> Self {
-        Self { ground_m: Some(ground_m), ..Self::default() }
+        Self { grounds_m: [Some(ground_m), None, None, None], ..Self::default() }
     }
 
     /// Height of the ground above the origin, m.
     pub(super) fn ground_m(&self) -> Option<f64> {
-        self.ground_m
+        self.grounds_m[0]
+    }
+
+    /// The newest height over ground that it told, m, whatever became of it.
+    pub(super) fn told(&self) -> Option<(AutopilotTime, f64)> {
+        self.told
     }
 
     /// Tests that need no height.
@@ -112,50 +154,50 @@ impl RangefinderSource {
         let cosine = context.core.attitude.r_body_to_ned[(2, 2)];
         let height = context.core.height.height_m().filter(|_| cosine > MIN_COSINE);
         let height = height.ok_or(Reason::NoReferenceYet)?;
-        if self.repeats(s.time, s.distance_m, height / cosine) {
+        let (heights, above) = (heights(s.time, height, context), s.distance_m * cosine);
+        if self.repeats(s.time, s.distance_m, &heights.map(|m| m.map(|m| m / cosine))) {
             return Err(Reason::Stuck);
         }
+        self.told = Some((s.time, above));
         // In a bank an error of the attitude is one of the distance.
         if cosine > LEVEL_COSINE {
-            self.following.note(s.time, s.distance_m * cosine, height);
+            self.following.note(s.time, above, height);
         }
-        let ground = height - s.distance_m * cosine;
-        if let Some(known) = self.ground_m
-            && !self.is_plausible(s.time, ground - known, height, height - known)
-        {
-            return Err(Reason::Innovation);
+        if let Some(known) = self.ground_m() {
+            let rise = |i: usize| Some(heights[i]? - above - self.grounds_m[i]?);
+            let rises = std::array::from_fn(rise);
+            if !self.is_plausible(s.time, &rises, height, height - known) {
+                return Err(Reason::Innovation);
+            }
         }
         if self.dispute.take().is_some_and(|d| d.believed) {
-            self.ground_m = None;
+            self.grounds_m = Heights::default();
         }
         self.newest = Some((s.time, s.distance_m));
         // What the altimeter has convicted does not say where the ground is.
         let doubted = self.following.is_astray() || context.core.height.health(Channel::Range).is_faulty();
-        if self.ground_m.is_none() || !doubted {
-            self.follow_ground(s.time, ground, context);
+        if self.ground_m().is_none() || !doubted {
+            self.follow_ground(s.time, &heights.map(|m| m.map(|m| m - above)), context);
         }
-        Ok(self.height(s, s.distance_m * cosine, context))
+        Ok(self.height(s, above, context))
     }
 
-    /// Whether it tells the same distance, whatever the vehicle does, but for what it tells of one that stands; `beam_m` is the beam's length but for where the ground is. Until it tells
-    /// another.
-    fn repeats(&mut self, now: AutopilotTime, distance_m: f64, beam_m: f64) -> bool {
-        let same = self.same.filter(|same| same.distance_m == distance_m).map_or(
-            SameDistance { since: now, distance_m, expected_m: [beam_m; 2] },
-            |same| SameDistance {
-                expected_m: [same.expected_m[0].min(beam_m), same.expected_m[1].max(beam_m)],
-                ..same
-            },
-        );
+    /// Whether it tells the same distance, whatever the vehicle does, but for what it tells of one that stands; `beams_m` is the beam's length but for where the ground is, by every
+    /// height. Until it tells another.
+    fn repeats(&mut self, now: AutopilotTime, distance_m: f64, beams_m: &Heights) -> bool {
+        let same = self.same.filter(|same| same.distance_m == distance_m);
+        let same =
+            same.map_or_else(|| SameDistance::new(now, distance_m, beams_m), |same| same.again(beams_m));
         self.same = Some(same);
         let least_m = self.least_m.map_or(distance_m, |least| least.min(distance_m));
         self.least_m = Some(least_m);
         distance_m > STANDS * least_m && same.is_stuck(now)
     }
 
-    /// Whether the ground may be this much higher than it was.
-    fn is_plausible(&mut self, now: AutopilotTime, rise_m: f64, height_m: f64, above_m: f64) -> bool {
-        if rise_m.abs() < GROUND_STEP_M.max(GROUND_STEP_FRACTION * above_m) {
+    /// Whether the ground may be this much higher than it was, by the altimeter and by what each source tells.
+    fn is_plausible(&mut self, now: AutopilotTime, rises_m: &Heights, height_m: f64, above_m: f64) -> bool {
+        let rise_m = rises_m[0].unwrap_or(f64::INFINITY);
+        if least(rises_m.map(|rise| rise.map(f64::abs))) < GROUND_STEP_M.max(GROUND_STEP_FRACTION * above_m) {
             return true;
         }
         let ratio = if above_m > GROUND_STEP_M { ((above_m - rise_m) / above_m).max(0.0) } else { 0.0 };
@@ -178,11 +220,14 @@ impl RangefinderSource {
     }
 
     /// The ground is where it is measured, as fast as terrain passes below: echoes of something else do not carry it along with the vehicle.
-    fn follow_ground(&mut self, now: AutopilotTime, ground_m: f64, context: &Context<'_>) {
+    fn follow_ground(&mut self, now: AutopilotTime, seen_m: &Heights, context: &Context<'_>) {
         let speed = context.core.estimator.estimate().map_or(0.0, |(_, v)| v.xy().norm());
         let dt = self.followed.replace(now).map_or(0.0, |t| now.seconds_since(t)).clamp(0.0, FOLLOW_STEP_S);
         let most = (GROUND_RATE_MPS + GROUND_SLOPE * speed) * dt;
-        self.ground_m = Some(self.ground_m.map_or(ground_m, |g| g + (ground_m - g).clamp(-most, most)));
+        for (ground_m, seen_m) in self.grounds_m.iter_mut().zip(seen_m) {
+            // One that was not heard for a while begins anew.
+            *ground_m = seen_m.map(|seen| ground_m.map_or(seen, |g| g + (seen - g).clamp(-most, most)));
+        }
     }
 
     /// While it is disputed where the ground is, or the distance does not follow the height: the distance that is measured over the one
@@ -192,7 +237,7 @@ impl RangefinderSource {
             return Some(dispute.ratio);
         }
         let (measured, distance_m) = self.newest.filter(|_| self.following.is_astray())?;
-        let above_m = height_m? - self.ground_m?;
+        let above_m = height_m? - self.ground_m()?;
         let fresh = now.seconds_since(measured) < DISPUTE_S && above_m > GROUND_STEP_M;
         fresh.then_some(distance_m / above_m)
     }
@@ -225,7 +270,12 @@ impl RangefinderSource {
 
     pub(super) fn reset(&mut self, reset: &Reset) {
         match reset {
-            Reset::OriginMoved(moved) => self.ground_m = self.ground_m.map(|g| g + moved.z),
+            Reset::OriginMoved(moved) => {
+                let of_gnss = HEIGHTS - 1;
+                for i in [0, of_gnss] {
+                    self.grounds_m[i] = self.grounds_m[i].map(|g| g + moved.z);
+                }
+            }
             Reset::StreamBroken => self.newest = None,
             Reset::Reboot | Reset::ClockSetBack => *self = Self::default(),
             Reset::Relocated | Reset::Bridged => {}

@@ -64,6 +64,11 @@ impl Rangefinders {
         sensor.ground_m().map(|ground_m| (*id, ground_m))
     }
 
+    /// How far down the ground is, m, by the one that measures, if that was told at `time`.
+    pub(in super::super) fn told(&self, time: AutopilotTime) -> Option<f64> {
+        self.in_use()?.told().filter(|(t, _)| *t == time).map(|(_, above_m)| above_m)
+    }
+
     /// The ground is where it was last seen, by the one that will measure.
     pub(in super::super) fn recall(&mut self, (id, ground_m): (u8, f64)) {
         self.sensors = [Some((id, RangefinderSource::recalling(ground_m))), None];

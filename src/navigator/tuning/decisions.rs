@@ -49,6 +49,27 @@ pub(in crate::navigator) mod height {
     pub(in crate::navigator) const UNSEEN_JUMP_M: f64 = 2.0;
 }
 
+/// How far sources of heights wander.
+pub(in crate::navigator) mod height_wander {
+    /// Heights are averaged over this long, s: shorter than what wash and gusts last.
+    pub(in crate::navigator) const BLOCK_S: f64 = 0.5;
+    /// How they part is looked at over so many blocks; over the first so many of them it comes and goes, and goes on walking beyond.
+    pub(in crate::navigator) const LAGS: [usize; 5] = [1, 2, 4, 8, 32];
+    pub(in crate::navigator) const SHORT_LAGS: usize = 4;
+    /// It is forgotten in this time, s; nothing counts as if it had been seen for this long, s, and it is known after this long, s.
+    pub(in crate::navigator) const MEMORY_S: f64 = 60.0;
+    pub(in crate::navigator) const PRIOR_S: f64 = 5.0;
+    pub(in crate::navigator) const KNOWN_S: f64 = 3.0;
+    /// One difference counts for no more than so many times the mean square, and that for no less than this, m²: half a metre.
+    pub(in crate::navigator) const CLIPPED: f64 = 9.0;
+    pub(in crate::navigator) const LEAST_M2: f64 = 0.25;
+    /// How often a source tells is known over this long, s; distances are independent this often, s.
+    pub(in crate::navigator) const RATE_S: f64 = 5.0;
+    pub(in crate::navigator) const RANGE_INTERVAL_S: f64 = 0.1;
+    /// Ground changes under a vehicle that moves: by as much as is configured from this speed on, m/s, and by less below.
+    pub(in crate::navigator) const GROUND_CHANGES_MPS: f64 = 2.0;
+}
+
 /// Fixes by landmarks.
 pub(in crate::navigator) mod landmark_fix {
     /// A correction beyond this is no tracking any more, and glides, m.

@@ -10,9 +10,9 @@ pub(super) mod shadow;
 
 pub(super) use decisions::{
     budget, core, doppler_track, environment, event_log, flow_travel, frozen_fixes, gnss_by_air,
-    gnss_by_flow, gnss_integrity, gyro_by_field, heading_witness, height, inertia_jumps, inertia_witness,
-    landmark_fix, memory, outage, plausibility, published, receiver_lie, relative, step, stream, travel_path,
-    uncertainty, unexplained, vehicle, velocity_step, witness_blocks,
+    gnss_by_flow, gnss_integrity, gyro_by_field, heading_witness, height, height_wander, inertia_jumps,
+    inertia_witness, landmark_fix, memory, outage, plausibility, published, receiver_lie, relative, step,
+    stream, travel_path, uncertainty, unexplained, vehicle, velocity_step, witness_blocks,
 };
 pub(super) use estimation::{
     error_state, estimator, estimator_step, exogenous, heading, hole, lookback, observer,

@@ -477,6 +477,8 @@ pub(in crate::navigator) mod rangefinder {
     /// One that tells exactly the same for this long, s, while its beam becomes longer or shorter by this much, m, is stuck.
     pub(in crate::navigator) const STUCK_S: f64 = 1.0;
     pub(in crate::navigator) const STUCK_M: f64 = 0.5;
+    /// A height that was told longer ago than this is no witness, s: receivers tell one a second.
+    pub(in crate::navigator) const WITNESS_S: f64 = 1.2;
     /// Up to so many times its least distance a vehicle may stand.
     pub(in crate::navigator) const STANDS: f64 = 1.2;
     /// A dispute whose last word is older than this is over, s.
