@@ -134,7 +134,7 @@ impl HeightEstimate {
         let before = self.filter.height_m();
         let HeightReading { channel, height_m, sigma_m, age_s } = *reading;
         if channel != Channel::Range && !(channel == Channel::Gnss && self.health(channel).is_faulty()) {
-            self.wander.hear(channel, height_m, sigma_m);
+            self.wander.hear(channel, height_m + self.filter.climb_mps() * age_s, sigma_m);
         }
         let sigma_m = self.wander.sigma_m(channel, sigma_m);
         let verdict = self.filter.measure(channel, height_m, sigma_m, age_s);

@@ -15,6 +15,7 @@
 use crate::altimeter::{AltimeterSettings, Channel};
 use crate::navigator::tuning::height_wander::{
     BLOCK_S, CLIPPED, KNOWN_S, LAGS, LEAST_M2, MEMORY_S, PRIOR_S, RANGE_INTERVAL_S, RATE_S, SHORT_LAGS,
+    TOLERATED_M2,
 };
 
 /// Blocks that are remembered: the longest lag, and the present.
@@ -102,8 +103,11 @@ impl Pair {
             (from_s, left) = (to_s, here);
         }
         let walked = if self.seen_s[last] > KNOWN_S { (self.spread[last] - most).max(0.0) } else { 0.0 };
-        (self.seen_s[SHORT_LAGS - 1] > KNOWN_S)
-            .then_some(Wander { density, walk: walked / (long_s - short_s) })
+        let counts = |of: f64| (1.0 - TOLERATED_M2 / of.max(TOLERATED_M2)).max(0.0);
+        (self.seen_s[SHORT_LAGS - 1] > KNOWN_S).then_some(Wander {
+            density: counts(most) * density,
+            walk: counts(self.spread[last]) * walked / (long_s - short_s),
+        })
     }
 }
 
@@ -158,6 +162,20 @@ impl HeightWander {
         }
         for channel in [Channel::Baro, Channel::SecondBaro, Channel::Gnss] {
             self.found[channel.index()] = self.charged(channel);
+        }
+        if std::env::var("HWDBG").is_ok() {
+            for (p, n) in self.pairs.iter().zip(PAIRS) {
+                eprint!("{:?}-{:?} {:.2?} {:.0?} | ", n.0, n.1, p.spread, p.seen_s[3]);
+            }
+            eprintln!(
+                "B sig {:?} walk {:.2} b {:?} {:.2} G {:?} {:.2}",
+                self.sigma_m(Channel::Baro, None),
+                self.walk(Channel::Baro),
+                self.sigma_m(Channel::SecondBaro, None),
+                self.walk(Channel::SecondBaro),
+                self.sigma_m(Channel::Gnss, None),
+                self.walk(Channel::Gnss)
+            );
         }
     }
 

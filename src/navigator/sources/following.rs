@@ -5,6 +5,7 @@
 //! var(h); where the distance has nothing to do with the height, var(r − h) = var(h) + var(r). Terrain that rises with the vehicle looks like a
 //! distance that does not follow: there, too, it is better not to rely on it.
 
+use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::following::{ASTRAY, FOLLOWS, MEMORY_S, TELLS_M2};
 use crate::time::AutopilotTime;
 
@@ -41,6 +42,11 @@ impl Following {
             let limit = if self.astray { FOLLOWS } else { ASTRAY };
             self.astray = self.var_d > limit * self.var_h;
         }
+    }
+
+    /// Whether its height was heard as lately as another's.
+    pub(super) fn is_as_new_as(&self, other: &Self) -> bool {
+        self.newest.zip(other.newest).is_some_and(|(own, others)| others.seconds_since(own) < LATE_S)
     }
 
     /// Whether the distance was seen not to follow.

@@ -18,7 +18,7 @@ use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::rangefinder::{
     DISPUTE_S, FOLLOW_STEP_S, GROUND_BELIEVED_S, GROUND_RATE_MPS, GROUND_SLOPE, GROUND_STEP_FRACTION,
     GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, LEVEL_COSINE, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST,
-    ONLY_S, RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S, WITNESS_S,
+    ONLY_S, RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S, WITNESS_S, WITNESSED,
 };
 
 /// The ground is seen elsewhere than it was.
@@ -97,7 +97,8 @@ pub(super) struct RangefinderSource {
     /// Height of the ground above the origin, where it was last seen beyond dispute, m, and above what each source counts from.
     grounds_m: Heights,
     dispute: Option<Dispute>,
-    following: Following,
+    /// Whether it follows each of the heights.
+    following: [Following; HEIGHTS],
     /// When the ground was last followed.
     followed: Option<AutopilotTime>,
     /// The newest distance that was taken for a height.
@@ -123,6 +124,13 @@ impl RangefinderSource {
     /// The newest height over ground that it told, m, whatever became of it.
     pub(super) fn told(&self) -> Option<(AutopilotTime, f64)> {
         self.told
+    }
+
+    /// Whether it was seen to follow no height: neither the altimeter's nor what any source tells.
+    fn is_astray(&self) -> bool {
+        let [altimeter, sources @ ..] = &self.following;
+        let follows = |source: &Following| source.is_as_new_as(altimeter) && !source.is_astray();
+        altimeter.is_astray() && !sources.iter().any(follows)
     }
 
     /// Tests that need no height.
@@ -161,7 +169,11 @@ impl RangefinderSource {
         self.told = Some((s.time, above));
         // In a bank an error of the attitude is one of the distance.
         if cosine > LEVEL_COSINE {
-            self.following.note(s.time, above, height);
+            for (following, m) in self.following.iter_mut().zip(heights) {
+                if let Some(m) = m {
+                    following.note(s.time, above, m);
+                }
+            }
         }
         if let Some(known) = self.ground_m() {
             let rise = |i: usize| Some(heights[i]? - above - self.grounds_m[i]?);
@@ -175,11 +187,11 @@ impl RangefinderSource {
         }
         self.newest = Some((s.time, s.distance_m));
         // What the altimeter has convicted does not say where the ground is.
-        let doubted = self.following.is_astray() || context.core.height.health(Channel::Range).is_faulty();
+        let doubted = self.is_astray() || context.core.height.health(Channel::Range).is_faulty();
         if self.ground_m().is_none() || !doubted {
             self.follow_ground(s.time, &heights.map(|m| m.map(|m| m - above)), context);
         }
-        Ok(self.height(s, above, context))
+        Ok(self.height(s, above, context).filter(|_| !self.is_astray()))
     }
 
     /// Whether it tells the same distance, whatever the vehicle does, but for what it tells of one that stands; `beams_m` is the beam's length but for where the ground is, by every
@@ -197,7 +209,9 @@ impl RangefinderSource {
     /// Whether the ground may be this much higher than it was, by the altimeter and by what each source tells.
     fn is_plausible(&mut self, now: AutopilotTime, rises_m: &Heights, height_m: f64, above_m: f64) -> bool {
         let rise_m = rises_m[0].unwrap_or(f64::INFINITY);
-        if least(rises_m.map(|rise| rise.map(f64::abs))) < GROUND_STEP_M.max(GROUND_STEP_FRACTION * above_m) {
+        let most_m = GROUND_STEP_M.max(GROUND_STEP_FRACTION * above_m);
+        // What a source tells is noisier, and there are more of them: they have to agree the better.
+        if rise_m.abs() < most_m || least(rises_m.map(|rise| rise.map(f64::abs))) < WITNESSED * most_m {
             return true;
         }
         let ratio = if above_m > GROUND_STEP_M { ((above_m - rise_m) / above_m).max(0.0) } else { 0.0 };
@@ -236,7 +250,7 @@ impl RangefinderSource {
         if let Some(dispute) = self.dispute.filter(|d| now.seconds_since(d.last) < DISPUTE_S) {
             return Some(dispute.ratio);
         }
-        let (measured, distance_m) = self.newest.filter(|_| self.following.is_astray())?;
+        let (measured, distance_m) = self.newest.filter(|_| self.is_astray())?;
         let above_m = height_m? - self.ground_m()?;
         let fresh = now.seconds_since(measured) < DISPUTE_S && above_m > GROUND_STEP_M;
         fresh.then_some(distance_m / above_m)
@@ -261,7 +275,7 @@ impl RangefinderSource {
 
     /// What is known against it.
     pub(super) fn health(&self) -> SourceHealth {
-        match (self.following.is_astray(), self.dispute.is_some()) {
+        match (self.is_astray(), self.dispute.is_some()) {
             (true, _) => SourceHealth::Faulty,
             (false, true) => SourceHealth::Suspect,
             (false, false) => SourceHealth::Healthy,

@@ -63,6 +63,8 @@ pub(in crate::navigator) mod height_wander {
     /// One difference counts for no more than so many times the mean square, and that for no less than this, m²: half a metre.
     pub(in crate::navigator) const CLIPPED: f64 = 9.0;
     pub(in crate::navigator) const LEAST_M2: f64 = 0.25;
+    /// So much of D is within what is configured, m²: 0.5 m of either source, which any vehicle has.
+    pub(in crate::navigator) const TOLERATED_M2: f64 = 0.5;
     /// How often a source tells is known over this long, s; distances are independent this often, s.
     pub(in crate::navigator) const RATE_S: f64 = 5.0;
     pub(in crate::navigator) const RANGE_INTERVAL_S: f64 = 0.1;

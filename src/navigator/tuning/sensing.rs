@@ -479,6 +479,8 @@ pub(in crate::navigator) mod rangefinder {
     pub(in crate::navigator) const STUCK_M: f64 = 0.5;
     /// A height that was told longer ago than this is no witness, s: receivers tell one a second.
     pub(in crate::navigator) const WITNESS_S: f64 = 1.2;
+    /// What a source tells speaks for a distance within this part of what the altimeter does.
+    pub(in crate::navigator) const WITNESSED: f64 = 0.5;
     /// Up to so many times its least distance a vehicle may stand.
     pub(in crate::navigator) const STANDS: f64 = 1.2;
     /// A dispute whose last word is older than this is over, s.
