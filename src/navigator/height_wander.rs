@@ -31,7 +31,7 @@ const PAIRS: [(Channel, Channel); 5] = [
 
 /// What a source tells within a block.
 #[derive(Clone, Copy, Debug, Default)]
-struct Block {
+struct HeightBlock {
     sum_m: f64,
     count: f64,
     /// Samples in a block, as a rule.
@@ -42,14 +42,14 @@ struct Block {
 
 /// What a source, or a pair, wanders by: S, m²s, and q, m²/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Wander {
+struct WanderBound {
     density: f64,
     walk: f64,
 }
 
 /// The difference of two sources.
 #[derive(Clone, Copy, Debug)]
-struct Pair {
+struct HeightPair {
     /// By block, in a ring; NaN where one of the two was not heard.
     apart_m: [f64; KEPT],
     /// D at every lag, m², and for how long it was seen, forgotten in [`MEMORY_S`], s.
@@ -60,18 +60,18 @@ struct Pair {
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub(super) struct HeightWander {
-    blocks: [Block; 4],
-    pairs: [Pair; PAIRS.len()],
+    blocks: [HeightBlock; 4],
+    pairs: [HeightPair; PAIRS.len()],
     /// Place of the present block in the rings.
     present: usize,
     elapsed_s: f64,
     /// What each source is held to wander by anyway, by its settings.
     known: AltimeterSettings,
     /// What it was found to wander by beyond.
-    found: [Option<Wander>; 4],
+    found: [Option<WanderBound>; 4],
 }
 
-impl Pair {
+impl HeightPair {
     fn new() -> Self {
         Self { apart_m: [f64::NAN; KEPT], spread: [0.0; LAGS.len()], seen_s: [0.0; LAGS.len()] }
     }
@@ -92,7 +92,7 @@ impl Pair {
     }
 
     /// S and q, once they are known; a lag that was never seen is left out of the integral.
-    fn wander(&self) -> Option<Wander> {
+    fn wander(&self) -> Option<WanderBound> {
         let last = LAGS.len() - 1;
         let (short_s, long_s) = (BLOCK_S * LAGS[SHORT_LAGS - 1] as f64, BLOCK_S * LAGS[last] as f64);
         let most = self.spread[SHORT_LAGS - 1];
@@ -104,7 +104,7 @@ impl Pair {
         }
         let walked = if self.seen_s[last] > KNOWN_S { (self.spread[last] - most).max(0.0) } else { 0.0 };
         let counts = |of: f64| (1.0 - TOLERATED_M2 / of.max(TOLERATED_M2)).max(0.0);
-        (self.seen_s[SHORT_LAGS - 1] > KNOWN_S).then_some(Wander {
+        (self.seen_s[SHORT_LAGS - 1] > KNOWN_S).then_some(WanderBound {
             density: counts(most) * density,
             walk: counts(self.spread[last]) * walked / (long_s - short_s),
         })
@@ -114,8 +114,8 @@ impl Pair {
 impl HeightWander {
     pub(super) fn new(known: &AltimeterSettings) -> Self {
         Self {
-            blocks: [Block::default(); 4],
-            pairs: [Pair::new(); PAIRS.len()],
+            blocks: [HeightBlock::default(); 4],
+            pairs: [HeightPair::new(); PAIRS.len()],
             present: 0,
             elapsed_s: 0.0,
             known: *known,
@@ -163,20 +163,6 @@ impl HeightWander {
         for channel in [Channel::Baro, Channel::SecondBaro, Channel::Gnss] {
             self.found[channel.index()] = self.charged(channel);
         }
-        if std::env::var("HWDBG").is_ok() {
-            for (p, n) in self.pairs.iter().zip(PAIRS) {
-                eprint!("{:?}-{:?} {:.2?} {:.0?} | ", n.0, n.1, p.spread, p.seen_s[3]);
-            }
-            eprintln!(
-                "B sig {:?} walk {:.2} b {:?} {:.2} G {:?} {:.2}",
-                self.sigma_m(Channel::Baro, None),
-                self.walk(Channel::Baro),
-                self.sigma_m(Channel::SecondBaro, None),
-                self.walk(Channel::SecondBaro),
-                self.sigma_m(Channel::Gnss, None),
-                self.walk(Channel::Gnss)
-            );
-        }
     }
 
     /// How far apart in time a channel's samples are, s.
@@ -186,32 +172,34 @@ impl HeightWander {
     }
 
     /// What a source is held to wander by anyway. One that says that it is worse than it is held to be is so in both.
-    fn expected(&self, channel: Channel) -> Wander {
+    fn expected(&self, channel: Channel) -> WanderBound {
         let known = &self.known.channels[channel.index()];
         let sigma_m = self.blocks[channel.index()].claimed_m.max(known.noise_m);
         let worse = (sigma_m / known.noise_m).max(1.0);
         let walk = if channel == Channel::Range { 0.0 } else { (worse * known.offset.walk).powi(2) };
-        Wander { density: sigma_m * sigma_m * self.interval_s(channel), walk }
+        WanderBound { density: sigma_m * sigma_m * self.interval_s(channel), walk }
     }
 
     /// The least that its pairs leave to a channel beyond what the other of each is held to wander by. What was seen long ago does not count beside
     /// what was seen lately.
-    fn charged(&self, channel: Channel) -> Option<Wander> {
+    fn charged(&self, channel: Channel) -> Option<WanderBound> {
         let of =
             |(a, b): (Channel, Channel)| if a == channel { Some(b) } else { (b == channel).then_some(a) };
         let pairs = || self.pairs.iter().zip(PAIRS).filter_map(move |(pair, names)| Some((pair, of(names)?)));
-        let seen = |pair: &Pair| pair.seen_s[SHORT_LAGS - 1];
+        let seen = |pair: &HeightPair| pair.seen_s[SHORT_LAGS - 1];
         let longest_s = pairs().map(|(pair, _)| seen(pair)).fold(0.0, f64::max);
-        let lately = |pair: &Pair| seen(pair) > 0.5 * longest_s;
+        let lately = |pair: &HeightPair| seen(pair) > 0.5 * longest_s;
         if channel == Channel::Gnss && !pairs().any(|(pair, other)| other == Channel::Range && lately(pair)) {
             return None;
         }
-        let left = |(pair, other): (&Pair, Channel)| {
+        let left = |(pair, other): (&HeightPair, Channel)| {
             let (all, others) = (pair.wander()?, self.expected(other));
-            Some(Wander { density: all.density - others.density, walk: all.walk - others.walk })
+            Some(WanderBound { density: all.density - others.density, walk: all.walk - others.walk })
         };
-        let least =
-            |a: Wander, b: Wander| Wander { density: a.density.min(b.density), walk: a.walk.min(b.walk) };
+        let least = |a: WanderBound, b: WanderBound| WanderBound {
+            density: a.density.min(b.density),
+            walk: a.walk.min(b.walk),
+        };
         pairs().filter(|(pair, _)| lately(pair)).filter_map(left).reduce(least)
     }
 
@@ -227,5 +215,122 @@ impl HeightWander {
     pub(super) fn walk(&self, channel: Channel) -> f64 {
         let known = self.expected(channel).walk;
         self.found[channel.index()].map_or(0.0, |found| (found.walk - known).max(0.0).sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Settings, Sources};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// What a source is off by: comes and goes with σ, m, and τ, s; walks, m/√s; runs away, m/s.
+    #[derive(Clone, Copy, Default)]
+    struct Off {
+        comes_and_goes: (f64, f64),
+        walks: f64,
+        runs: f64,
+        m: [f64; 2],
+    }
+
+    /// Two pressures, two distances and one fix every 0.2 s for `for_s`, of a vehicle that climbs and sinks; white noise of 5 cm.
+    fn watched(for_s: f64, off: [Off; 4], heard: [bool; 4]) -> HeightWander {
+        seeded(11, for_s, off, heard)
+    }
+
+    fn seeded(seed: u64, for_s: f64, mut off: [Off; 4], heard: [bool; 4]) -> HeightWander {
+        let settings = Settings::load(&Sources::default()).unwrap().pipeline.navigator;
+        let mut wander = HeightWander::new(&settings.height.altimeter);
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let dt = 0.1;
+        for k in 0..(for_s / dt) as u32 {
+            let t = f64::from(k) * dt;
+            for channel in Channel::ALL {
+                let mut n = || StandardNormal.sample(&mut rng);
+                let Off { comes_and_goes: (sigma, tau), walks, runs, m } = &mut off[channel.index()];
+                let keep = if *tau > 0.0 { (-dt / *tau).exp() } else { 0.0 };
+                let (a, b, c): (f64, f64, f64) = (n(), n(), n());
+                m[0] = keep * m[0] + *sigma * (1.0 - keep * keep).sqrt() * a;
+                m[1] += *walks * dt.sqrt() * b + *runs * dt;
+                let height_m = 20.0 + 5.0 * (0.3 * t).sin() + m[0] + m[1] + 0.05 * c;
+                let due = channel != Channel::Gnss || k % 2 == 0;
+                if due && heard[channel.index()] {
+                    wander.hear(channel, height_m, (channel == Channel::Gnss).then_some(0.3));
+                }
+            }
+            wander.step(dt, false);
+        }
+        wander
+    }
+
+    const ALL: [bool; 4] = [true; 4];
+    const NO_RANGE: [bool; 4] = [true, true, true, false];
+
+    fn washed(sigma: f64, tau: f64) -> Off {
+        Off { comes_and_goes: (sigma, tau), ..Off::default() }
+    }
+
+    #[test]
+    fn sound_sources_are_what_they_are_held_to_be() {
+        let wander = watched(120.0, [Off::default(); 4], ALL);
+        for channel in [Channel::Baro, Channel::SecondBaro] {
+            assert_eq!((wander.sigma_m(channel, None), wander.walk(channel)), (Some(0.4), 0.0));
+        }
+        assert_eq!((wander.sigma_m(Channel::Gnss, Some(0.3)), wander.walk(Channel::Gnss)), (Some(0.3), 0.0));
+        let unheard = watched(5.0, [Off::default(); 4], ALL);
+        assert_eq!(unheard.sigma_m(Channel::Baro, None), None);
+    }
+
+    /// What comes and goes with σ and τ has the density 2 σ² τ, of which S sees what falls off within T: 2 σ² (τ − (τ + T) exp(−T/τ)).
+    #[test]
+    fn a_washed_barometer_is_worth_what_its_density_says() {
+        for heard in [ALL, NO_RANGE] {
+            let (sigma, tau, long_s) = (2.0f64, 1.0, 4.0f64);
+            let off = [washed(sigma, tau), Off::default(), Off::default(), Off::default()];
+            let wander = watched(600.0, off, heard);
+            let density = 2.0 * sigma * sigma * (tau - (tau + long_s) * (-long_s / tau).exp());
+            let expected = (density / 0.1).sqrt();
+            let found = wander.sigma_m(Channel::Baro, None).unwrap();
+            assert!((found / expected - 1.0).abs() < 0.25, "{found} m for {expected}");
+            assert!(wander.sigma_m(Channel::SecondBaro, None).unwrap() < 1.0);
+            assert_eq!(wander.sigma_m(Channel::Gnss, Some(0.3)), Some(0.3));
+        }
+    }
+
+    #[test]
+    fn a_walk_is_charged_to_the_source_that_every_pair_of_it_shows() {
+        let walks = Off { walks: 1.0, ..Off::default() };
+        let quiet = Off::default();
+        // In the minute that counts a walk is seen only a few times over: in the mean of many it is what it is.
+        let walks_of = |seed| {
+            let wander = seeded(seed, 180.0, [walks, quiet, quiet, quiet], ALL);
+            assert_eq!((wander.walk(Channel::SecondBaro), wander.walk(Channel::Gnss)), (0.0, 0.0));
+            wander.walk(Channel::Baro).powi(2)
+        };
+        let walk = ((0..30).map(walks_of).sum::<f64>() / 30.0).sqrt();
+        assert!((0.75..1.1).contains(&walk), "{walk}");
+        // Two in the same wash, and GNSS with the rangefinder against them.
+        let both = watched(600.0, [walks, quiet, walks, quiet], ALL);
+        assert!(both.walk(Channel::Baro) > 0.3 && both.walk(Channel::SecondBaro) > 0.3);
+        assert_eq!(both.walk(Channel::Gnss), 0.0);
+        // A fix that sinks beside a barometer and a rangefinder that do not.
+        let sinks = Off { runs: -0.3, ..Off::default() };
+        let sunk = watched(120.0, [quiet, sinks, quiet, quiet], ALL);
+        assert!(sunk.walk(Channel::Gnss) > 0.5, "{}", sunk.walk(Channel::Gnss));
+        assert_eq!((sunk.walk(Channel::Baro), sunk.walk(Channel::SecondBaro)), (0.0, 0.0));
+        // Without a rangefinder nobody knows, and a barometer is what drifts.
+        let alone = watched(120.0, [quiet, sinks, quiet, quiet], NO_RANGE);
+        assert!(alone.walk(Channel::Gnss) == 0.0 && alone.walk(Channel::Baro) > 0.3);
+    }
+
+    #[test]
+    fn ground_that_changes_is_no_wander_of_barometer_or_gnss() {
+        let quiet = Off::default();
+        let rough = Off { walks: 1.0, ..washed(2.0, 2.0) };
+        let wander = watched(300.0, [quiet, quiet, quiet, rough], ALL);
+        assert_eq!((wander.walk(Channel::Baro), wander.walk(Channel::Gnss)), (0.0, 0.0));
+        assert!(wander.sigma_m(Channel::Baro, None).unwrap() < 0.5);
     }
 }

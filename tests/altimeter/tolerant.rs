@@ -196,6 +196,38 @@ fn a_barometer_that_jumps_is_told_with_its_size_and_onset() {
     }
 }
 
+/// What a barometer may walk by is no drift, and what it is off by may walk back.
+#[test]
+fn a_barometer_that_is_let_walk_has_not_drifted_and_heals_where_it_began() {
+    let walked = |loose: f64| {
+        let mut flown = Flown::new(100.0);
+        flown.well(60.0);
+        let mut drifted = false;
+        for k in 0..300 {
+            let off_m = 15.0 * (f64::from(k) * 0.02).sin();
+            flown.altimeter.loosen(Channel::Baro, loose, 0.2);
+            flown.hover(0.2, |c, h| Some((if c == Channel::Baro { h + off_m } else { h }, 0.0)));
+            drifted |= matches!(flown.fault(Channel::Baro), Some((Fault::Drift { .. }, _)));
+        }
+        drifted
+    };
+    assert!(walked(0.0) && !walked(3.0));
+    let returned = |loose: f64| {
+        let mut flown = Flown::new(100.0);
+        flown.well(60.0);
+        flown.hover(20.0, |c, h| Some((if c == Channel::Baro { h + 12.0 } else { h }, 0.0)));
+        assert!(flown.fault(Channel::Baro).is_some());
+        for k in 0..400 {
+            let off_m = 12.0 * (1.0 - f64::from(k) / 400.0);
+            flown.altimeter.loosen(Channel::Baro, loose, 0.2);
+            flown.hover(0.2, |c, h| Some((if c == Channel::Baro { h + off_m } else { h }, 0.0)));
+            assert!(flown.error() < 3.0);
+        }
+        flown.well(20.0).fault(Channel::Baro).is_none()
+    };
+    assert!(returned(0.7));
+}
+
 #[test]
 fn a_stuck_channel_does_no_harm_while_nothing_moves_and_a_missing_one_never() {
     for channel in [Channel::Baro, Channel::Gnss] {

@@ -22,6 +22,7 @@ mod believed;
 mod contradicted;
 mod dead_reckoning;
 mod forged;
+mod heights;
 mod holes;
 mod hostile;
 mod judged;

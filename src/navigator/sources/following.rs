@@ -44,9 +44,11 @@ impl Following {
         }
     }
 
-    /// Whether its height was heard as lately as another's.
-    pub(super) fn is_as_new_as(&self, other: &Self) -> bool {
-        self.newest.zip(other.newest).is_some_and(|(own, others)| others.seconds_since(own) < LATE_S)
+    /// Whether the distance follows this height, heard as lately, as it would have to follow another that has moved more than it: then that other height moves by itself.
+    pub(super) fn excuses(&self, other: &Self) -> bool {
+        let late =
+            self.newest.zip(other.newest).is_none_or(|(own, others)| others.seconds_since(own) > LATE_S);
+        !late && self.var_d < FOLLOWS * other.var_h
     }
 
     /// Whether the distance was seen not to follow.
@@ -75,6 +77,15 @@ mod tests {
         assert!(!follow(|t, h| h + 0.2 * (3.0 * t).sin(), climbs).is_astray());
         assert!(follow(|_, _| 1.3, climbs).is_astray());
         assert!(follow(|t, _| 1.5 + (0.5 * t).sin(), climbs).is_astray());
+    }
+
+    #[test]
+    fn a_height_that_stands_still_with_the_distance_excuses_it_from_another_that_moves() {
+        let sinks = follow(|_, _| 0.45, |t| -0.25 * t);
+        assert!(sinks.is_astray());
+        assert!(follow(|_, _| 0.45, |t| 0.2 * t.sin()).excuses(&sinks));
+        // One that is stuck on a vehicle that moves has no excuse.
+        assert!(!follow(|_, _| 0.45, |t| -0.2 * t).excuses(&sinks));
     }
 
     #[test]

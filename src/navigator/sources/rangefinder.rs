@@ -129,8 +129,7 @@ impl RangefinderSource {
     /// Whether it was seen to follow no height: neither the altimeter's nor what any source tells.
     fn is_astray(&self) -> bool {
         let [altimeter, sources @ ..] = &self.following;
-        let follows = |source: &Following| source.is_as_new_as(altimeter) && !source.is_astray();
-        altimeter.is_astray() && !sources.iter().any(follows)
+        altimeter.is_astray() && !sources.iter().any(|source| source.excuses(altimeter))
     }
 
     /// Tests that need no height.
@@ -301,4 +300,42 @@ impl RangefinderSource {
 fn is_only_height(context: &Context<'_>) -> bool {
     let silent = |c: Channel| context.core.height.standing(c).is_none_or(|(_, quiet_s)| quiet_s > ONLY_S);
     [Channel::Baro, Channel::SecondBaro, Channel::Gnss].into_iter().all(silent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A distance that is told ten times a second for `for_s`, while the beam becomes longer by these rates, m/s, by each height.
+    fn stuck(for_s: f64, rates: [Option<f64>; HEIGHTS]) -> bool {
+        let beams = |t: f64| rates.map(|rate| rate.map(|rate| 10.0 + rate * t));
+        let at = |t: f64| AutopilotTime::from_micros((t * 1e6) as i64);
+        let steps = (10.0 * for_s) as u32;
+        let first = SameDistance::new(at(0.0), 9.9, &beams(0.0));
+        let told = (1..=steps).fold(first, |same, k| same.again(&beams(0.1 * f64::from(k))));
+        told.is_stuck(at(for_s))
+    }
+
+    #[test]
+    fn one_is_stuck_while_the_vehicle_moves_by_every_height_and_not_while_one_of_them_does() {
+        assert!(stuck(2.0, [Some(0.5), Some(0.45), None, Some(0.6)]));
+        assert!(stuck(2.0, [Some(0.5), None, None, None]));
+        // The altimeter's height is led astray, or a barometer is washed: who hovers moves by neither.
+        assert!(!stuck(2.0, [Some(1.5), Some(2.0), None, Some(0.05)]));
+        assert!(!stuck(2.0, [Some(1.5), Some(0.02), None, Some(1.5)]));
+        assert!(!stuck(0.9, [Some(2.0), Some(2.0), None, None]));
+    }
+
+    /// A source at 5 m over ground that is known to every height, and whether it believes what it would see if the heights had moved by these, m.
+    fn plausible(rises: Heights) -> bool {
+        RangefinderSource::default().is_plausible(AutopilotTime::from_micros(0), &rises, 5.0, 5.0)
+    }
+
+    #[test]
+    fn a_distance_that_follows_a_source_is_one_while_the_altimeter_is_led_astray() {
+        assert!(!plausible([Some(3.0), None, None, None]));
+        assert!(plausible([Some(3.0), Some(0.3), None, Some(3.2)]));
+        assert!(!plausible([Some(3.0), Some(0.8), None, Some(3.2)]));
+        assert!(plausible([Some(0.8), Some(3.0), None, None]));
+    }
 }
