@@ -96,7 +96,7 @@ impl HeightEstimate {
     /// What comes on a channel is another sensor's from now on.
     pub(super) fn another(&mut self, channel: Channel) {
         self.filter.another(channel);
-        self.wander.forget(channel);
+        self.wander.another(channel);
     }
 
     /// The barometers' offsets walk by `walk` m/√s for `dt` s.
@@ -200,7 +200,11 @@ impl HeightEstimate {
 
     pub(super) fn reset(&mut self, reset: &Reset, settings: &HeightSettings) {
         match reset {
-            Reset::OriginMoved(moved) => self.filter.shift_origin(-moved.z),
+            Reset::OriginMoved(moved) => {
+                self.filter.shift_origin(-moved.z);
+                // Of all heights it is those of fixes that count from it.
+                self.wander.forget(Channel::Gnss);
+            }
             // Nobody knows how high it stands.
             Reset::Reboot | Reset::ClockSetBack => *self = Self::new(settings),
             Reset::Relocated | Reset::Bridged | Reset::StreamBroken => {}

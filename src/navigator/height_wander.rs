@@ -143,6 +143,17 @@ impl HeightWander {
         }
     }
 
+    /// What comes on a channel is another sensor's from now on.
+    pub(super) fn another(&mut self, channel: Channel) {
+        self.blocks[channel.index()] = HeightBlock::default();
+        self.found[channel.index()] = None;
+        for (pair, (a, b)) in self.pairs.iter_mut().zip(PAIRS) {
+            if channel == a || channel == b {
+                *pair = HeightPair::new();
+            }
+        }
+    }
+
     /// Time goes on; nothing is learned of a vehicle that rests: no air moves there, and no rotor.
     pub(super) fn step(&mut self, dt: f64, resting: bool) {
         self.elapsed_s += dt;

@@ -75,7 +75,7 @@ fn two_that_agree_are_not_convicted_by_a_third() {
             if let Some(s) = navigator.solution().filter(|_| navigator.mode() == Mode::Aided) {
                 let down_m = s.position.raw().z;
                 let first = *first_m.get_or_insert(down_m);
-                last_m = (down_m - first, s.sigma_down_m);
+                last_m = (down_m - first, s.position_covariance.raw()[(2, 2)].sqrt());
             }
         }
     }

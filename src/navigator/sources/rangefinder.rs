@@ -18,7 +18,7 @@ use crate::navigator::tuning::every_source::LATE_S;
 use crate::navigator::tuning::rangefinder::{
     DISPUTE_S, FOLLOW_STEP_S, GROUND_BELIEVED_S, GROUND_RATE_MPS, GROUND_SLOPE, GROUND_STEP_FRACTION,
     GROUND_STEP_M, GROUND_TELLS_M, HEIGHT_PERIOD_S, LEVEL_COSINE, MIN_COSINE, NEAR_GREATEST, NEAR_LEAST,
-    ONLY_S, RELATIVE_SIGMA, STANDS, STUCK_M, STUCK_S, WITNESS_S, WITNESSED,
+    ONLY_S, RELATIVE_SIGMA, STANDS, STUCK_DRIFT_MPS, STUCK_M, STUCK_S, WITNESS_S, WITNESSED,
 };
 
 /// The ground is seen elsewhere than it was.
@@ -59,10 +59,12 @@ impl SameDistance {
         Self { expected_m: std::array::from_fn(both), ..self }
     }
 
-    /// Whether the beam has become longer or shorter by more than any resolution hides, by whichever height that is asked.
+    /// Whether the beam has become longer or shorter by more than any resolution hides, and than heights drift of a vehicle that stands, by whichever height that is asked.
     fn is_stuck(&self, now: AutopilotTime) -> bool {
         let changed_m = least(self.expected_m.map(|seen| seen.map(|m| m[1] - m[0])));
-        now.seconds_since(self.since) > STUCK_S && changed_m > STUCK_M.max(RELATIVE_SIGMA * self.distance_m)
+        let lasts_s = now.seconds_since(self.since);
+        let hidden_m = STUCK_M.max(RELATIVE_SIGMA * self.distance_m) + STUCK_DRIFT_MPS * lasts_s;
+        lasts_s > STUCK_S && changed_m > hidden_m
     }
 }
 
@@ -323,6 +325,8 @@ mod tests {
         // The altimeter's height is led astray, or a barometer is washed: who hovers moves by neither.
         assert!(!stuck(2.0, [Some(1.5), Some(2.0), None, Some(0.05)]));
         assert!(!stuck(2.0, [Some(1.5), Some(0.02), None, Some(1.5)]));
+        // Over a minute every height drifts by some metres, and the vehicle stands.
+        assert!(!stuck(60.0, [Some(0.04), Some(-0.04), None, Some(0.05)]));
         assert!(!stuck(0.9, [Some(2.0), Some(2.0), None, None]));
     }
 
