@@ -20,7 +20,7 @@ pub struct Seen {
     name: String,
     /// Largest error over its standard deviation while the solution was offered, and when: horizontal, vertical.
     pub horizontal: (f64, f64),
-    pub vertical: (f64, f64),
+    vertical: (f64, f64),
     /// Largest horizontal error while it was offered, m.
     pub error_m: f64,
     pub modes: Vec<(f64, Mode)>,
