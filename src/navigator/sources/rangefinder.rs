@@ -176,12 +176,8 @@ impl RangefinderSource {
                 }
             }
         }
-        if let Some(known) = self.ground_m() {
-            let rise = |i: usize| Some(heights[i]? - above - self.grounds_m[i]?);
-            let rises = std::array::from_fn(rise);
-            if !self.is_plausible(s.time, &rises, height, height - known) {
-                return Err(Reason::Innovation);
-            }
+        if self.is_elsewhere(s.time, &heights, height, above) {
+            return Err(Reason::Innovation);
         }
         if self.dispute.take().is_some_and(|d| d.believed) {
             self.grounds_m = Heights::default();
@@ -192,7 +188,18 @@ impl RangefinderSource {
         if self.ground_m().is_none() || !doubted {
             self.follow_ground(s.time, &heights.map(|m| m.map(|m| m - above)), context);
         }
-        Ok(self.height(s, above, context).filter(|_| !self.is_astray()))
+        // An altimeter that hears nobody else is no witness: it may have been led astray itself, and then the distance is all there is.
+        let [_, sources @ ..] = &heights;
+        let witnessed = sources.iter().any(Option::is_some);
+        Ok(self.height(s, above, context).filter(|_| !(witnessed && self.is_astray())))
+    }
+
+    /// Whether the ground is where it cannot be, `above` m below the heights.
+    fn is_elsewhere(&mut self, now: AutopilotTime, heights: &Heights, height_m: f64, above: f64) -> bool {
+        let Some(known) = self.ground_m() else { return false };
+        let rise = |i: usize| Some(heights[i]? - above - self.grounds_m[i]?);
+        let rises = std::array::from_fn(rise);
+        !self.is_plausible(now, &rises, height_m, height_m - known)
     }
 
     /// Whether it tells the same distance, whatever the vehicle does, but for what it tells of one that stands; `beams_m` is the beam's length but for where the ground is, by every
@@ -325,8 +332,9 @@ mod tests {
         // The altimeter's height is led astray, or a barometer is washed: who hovers moves by neither.
         assert!(!stuck(2.0, [Some(1.5), Some(2.0), None, Some(0.05)]));
         assert!(!stuck(2.0, [Some(1.5), Some(0.02), None, Some(1.5)]));
-        // Over a minute every height drifts by some metres, and the vehicle stands.
-        assert!(!stuck(60.0, [Some(0.04), Some(-0.04), None, Some(0.05)]));
+        // Over a minute every height drifts by a metre, and the vehicle stands; one that moves by more does not.
+        assert!(!stuck(60.0, [Some(0.02), Some(-0.025), None, Some(0.05)]));
+        assert!(stuck(60.0, [Some(0.04), Some(-0.04), None, Some(0.05)]));
         assert!(!stuck(0.9, [Some(2.0), Some(2.0), None, None]));
     }
 

@@ -478,7 +478,7 @@ pub(in crate::navigator) mod rangefinder {
     pub(in crate::navigator) const STUCK_S: f64 = 1.0;
     pub(in crate::navigator) const STUCK_M: f64 = 0.5;
     /// Heights drift by this much, m/s, while nothing moves: GNSS by some metres within minutes.
-    pub(in crate::navigator) const STUCK_DRIFT_MPS: f64 = 0.05;
+    pub(in crate::navigator) const STUCK_DRIFT_MPS: f64 = 0.02;
     /// A height that was told longer ago than this is no witness, s: receivers tell one a second.
     pub(in crate::navigator) const WITNESS_S: f64 = 1.2;
     /// What a source tells speaks for a distance within this part of what the altimeter does.
