@@ -3,6 +3,7 @@
 pub mod budget;
 mod difference_noise;
 mod doppler_track;
+pub(super) mod felt_velocity;
 pub(super) mod flow_travel;
 mod frozen_fixes;
 pub(super) mod gnss_by_air;

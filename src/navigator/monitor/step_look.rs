@@ -6,9 +6,9 @@
 
 use nalgebra::Vector2;
 
+use super::felt_velocity::VelocityLie;
 use super::step_fit::VelocityStep;
 use super::usual::UsualPeak;
-use super::velocity_step::VelocityLie;
 use crate::navigator::tuning::velocity_step::{
     CLEAR_OF, DECADES, DOUBT_DECADES, DOUBT_LEAVES, HUNCH_DECADES, HUNCH_S, HUNCHES, LEAST_MPS, MEMORY,
     STILL_SAME_S, WEIGH_S,

@@ -4,9 +4,9 @@
 //! witnesses weigh it with their own likelihoods: a doubt whose odds are o is a lie with the probability o / (1 + o), so that what it leads by has the mean square
 //! o / (1 + o) |s t|².
 
+use super::felt_velocity::VelocityLie;
 use super::step_look::StepLook;
 use super::usual::UsualPeak;
-use super::velocity_step::VelocityLie;
 use crate::navigator::tuning::velocity_step::{DOUBT_S, OLDEST_S, REFUTED, VANISHED_S, WINDOW_S};
 use crate::time::{AutopilotTime, Span};
 

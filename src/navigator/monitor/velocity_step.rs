@@ -16,6 +16,7 @@
 use nalgebra::Vector2;
 
 use super::difference_noise::DifferenceNoise;
+use super::felt_velocity::{FeltVelocity, VelocityLie};
 use super::step_fit::{FittedSteps, FixWithImpulse, NUISANCES, VelocityStep, best_steps};
 use super::step_look::{StepHunches, StepLook, UsualStep};
 use super::usual::UsualPeak;
@@ -26,42 +27,6 @@ use crate::navigator::tuning::velocity_step::{
     SAMPLES, SPACING_S, SPARE_GAIN, STANDS_MPS2, STILL, STILL_SAME_S, WINDOW_S,
 };
 use crate::time::{AutopilotTime, Span};
-
-/// What is compared at a fix, NE, m/s.
-#[derive(Clone, Copy, Debug)]
-pub(in super::super) struct FeltVelocity {
-    pub(in super::super) time: AutopilotTime,
-    pub(in super::super) velocity: Vector2<f64>,
-    pub(in super::super) impulse: Vector2<f64>,
-    /// Changes when the impulse begins anew.
-    pub(in super::super) epoch: u32,
-    /// GNSS is navigated on, and inertia is sound.
-    pub(in super::super) judged: bool,
-    /// On the ground all is calm: that shows nothing of what is usual in the air.
-    pub(in super::super) flies: bool,
-    /// Against the estimate, which other sources carry, and how well that is known, m/s.
-    pub(in super::super) error: Option<Vector2<f64>>,
-    pub(in super::super) sigma: f64,
-    /// How well the position is known, m.
-    pub(in super::super) position_sigma: f64,
-}
-
-/// A velocity that is a lie.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(in super::super) struct VelocityLie {
-    /// When it began.
-    pub(in super::super) since: AutopilotTime,
-    /// NE, m/s.
-    pub(super) step: Vector2<f64>,
-    /// What it did to the estimate is undone.
-    pub(in super::super) undone: bool,
-}
-
-impl VelocityLie {
-    pub(in super::super) fn new(since: AutopilotTime, step: Vector2<f64>) -> Self {
-        Self { since, step, undone: false }
-    }
-}
 
 /// A step that may be a lie, when that was first seen, and when it was.
 #[derive(Clone, Copy, Debug)]
@@ -294,26 +259,7 @@ impl VelocitySteps {
             return self.hold(old.map(|look| look.begun));
         }
         self.look_again(s.time, old.as_ref(), &fit);
-        if let Some(look) = &old {
-            self.hunches.see(look, &self.usual[0].peak);
-        }
-        let suspicious = |look: Option<StepLook>, usual: &UsualStep| {
-            look.filter(|look| look.exceeds(usual.peak.limit(DOUBT_DECADES)))
-        };
-        let [usual, usual_young] = &self.usual;
-        let suspects = [suspicious(old, usual), suspicious(young, usual_young)];
-        let first = self.doubt.is_none();
-        match suspects {
-            [Some(look), _] if first || self.doubt.is_some_and(|d| d.kind == DoubtKind::Young) => {
-                self.doubt =
-                    Some(VelocityDoubt::seen(&look, look.odds(&usual.peak), s.time, DoubtKind::Likely));
-            }
-            [None, Some(look)] if first => {
-                self.doubt =
-                    Some(VelocityDoubt::seen(&look, look.odds(&usual_young.peak), s.time, DoubtKind::Young));
-            }
-            _ => {}
-        }
+        self.doubt_what_shows(s, [old, young]);
         // A step in sight is nothing usual, if it is one.
         let in_sight = |d: VelocityDoubt| s.time.seconds_since(d.lie.since) < WINDOW_S;
         if self.doubt.is_some_and(in_sight) {
@@ -321,6 +267,23 @@ impl VelocitySteps {
         } else if s.flies {
             self.noise.learn(fit.manoeuvre, fit.plain / degrees);
             self.learn(s.time, [old, young]);
+        }
+    }
+
+    /// What is far from usual is doubted, and what is less is a hunch.
+    fn doubt_what_shows(&mut self, s: &FeltVelocity, looks: [Option<StepLook>; 2]) {
+        looks[0].iter().for_each(|look| self.hunches.see(look, &self.usual[0].peak));
+        // A receiver that says what who stands feels is sound by now, whatever it said before.
+        let at_rest = |lie: &VelocityLie| !s.flies && s.velocity.norm() < BACK * lie.step.norm();
+        self.doubt.take_if(|d| d.kind != DoubtKind::Charged && at_rest(&d.lie));
+        for (at, kind) in [DoubtKind::Likely, DoubtKind::Young].into_iter().enumerate() {
+            let usual = &self.usual[at].peak;
+            let shows = |look: &StepLook| look.exceeds(usual.limit(DOUBT_DECADES)) && !at_rest(&look.begun);
+            let Some(look) = looks[at].filter(shows) else { continue };
+            let young = kind == DoubtKind::Likely && self.doubt.is_some_and(|d| d.kind == DoubtKind::Young);
+            if self.doubt.is_none() || young {
+                self.doubt = Some(VelocityDoubt::seen(&look, look.odds(usual), s.time, kind));
+            }
         }
     }
 
@@ -509,12 +472,12 @@ mod tests {
         assert!(!steps.is_doubted() && steps.take_cleared() && !steps.take_cleared());
     }
 
-    /// How far a receiver on the ground may have led at 30 s, m, that walks off by `walk_mps` since 20 s; `felt`: what inertia feels.
-    fn on_the_ground(walk_mps: f64, felt: impl Fn(f64) -> f64) -> f64 {
+    /// How far a receiver on the ground may have led at 30 s, m, that walks off by the first until 20 s, and by the second since, m/s; `felt`: what inertia feels.
+    fn on_the_ground(walks_mps: [f64; 2], felt: impl Fn(f64) -> f64) -> f64 {
         let mut steps = VelocitySteps::new();
         for k in 0..151 {
             let t = 0.2 * f64::from(k);
-            let walk = if t > 20.0 { walk_mps } else { 0.0 };
+            let walk = walks_mps[usize::from(t > 20.0)];
             let wander = Vector2::new((0.9 * t).sin(), (1.3 * t).cos()) * 0.05;
             steps.observe(&FeltVelocity {
                 time: at(t),
@@ -533,11 +496,13 @@ mod tests {
 
     #[test]
     fn who_stands_feels_that_the_receiver_walks_and_who_starts_does_not_judge() {
-        assert_eq!(on_the_ground(0.0, |_| 0.0), 0.0);
-        let led = on_the_ground(1.2, |_| 0.0);
+        assert_eq!(on_the_ground([0.0; 2], |_| 0.0), 0.0);
+        let led = on_the_ground([0.0, 1.2], |_| 0.0);
         assert!((9.0..13.0).contains(&led), "{led}");
+        // It was wrong before, as receivers are that have just been switched on.
+        assert_eq!(on_the_ground([1.2, 0.0], |_| 0.0), 0.0);
         // Badly felt, as wheels on a meadow are.
-        assert_eq!(on_the_ground(0.0, |t| 3.0 * (t - 15.0).max(0.0).sin()), 0.0);
+        assert_eq!(on_the_ground([0.0; 2], |t| 3.0 * (t - 15.0).max(0.0).sin()), 0.0);
     }
 
     /// A lie of 2 m/s since 0 s, at 30 s and `after_s` later.
