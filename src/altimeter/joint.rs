@@ -241,8 +241,7 @@ impl Joint {
             x[HEIGHT] += climb.way_s * x[CLIMB];
             x.iter_mut().zip(keep).for_each(|(x, keep)| *x *= keep);
         };
-        apply(self.x.as_mut_slice().try_into().unwrap_or(&mut [0.0; STATES]));
-        self.p.data.0.iter_mut().for_each(apply);
+        self.x.data.0.iter_mut().chain(&mut self.p.data.0).for_each(apply);
         let mut rows = self.p.transpose();
         rows.data.0.iter_mut().for_each(apply);
         self.p = 0.5 * (rows + rows.transpose());
