@@ -100,7 +100,7 @@ pub(super) fn hear_flow(
 /// A fix of the receiver in use, set against inertia.
 ///
 /// # Errors
-/// [`GnssFault::ContradictsInertia`] while its velocity has stepped where inertia felt nothing. The way back: it steps back, or agrees with what carries, or was
+/// [`GnssFault::ContradictsInertia`] while its velocity has stepped where inertia felt nothing. The way back: it steps back, or agrees with what carries, in velocity or position, or was
 /// silent, or does not lead further off than the position is uncertain.
 pub(super) fn hear_inertia(
     core: &mut Core,
@@ -126,6 +126,7 @@ pub(super) fn hear_inertia(
         error: reading.velocity_error,
         sigma: core.estimator.speed_sigma().unwrap_or(f64::INFINITY),
         position_sigma: position_sigma.unwrap_or(f64::INFINITY),
+        apart: core.dead_reckoning().then_some(reading.position_error),
     });
     let gnss = &mut sources.gnss;
     let known = gnss.travel.covariance();
@@ -159,6 +160,10 @@ pub(super) fn judge_innovations(
         return core.witnesses.receiver.rest();
     }
     let found = core.witnesses.receiver.judge(now, core.estimator.jump_windows());
+    if found.is_none() && gnss.steps.suspected().is_none() {
+        // A doubt that has run its course, or that others have refuted; one that became a charge is none.
+        core.witnesses.receiver.suspicion_ended(true);
+    }
     let since = |lie: &ShownLie| now - Span::from_seconds(lie.age_s);
     let lie = match found {
         None => {

@@ -1,6 +1,6 @@
 //! Samples of everything but the IMU: observed by their source, fused, and what follows.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 use crate::altimeter::{Channel, HeightVerdict};
 use crate::geo::Geodetic;
@@ -266,7 +266,11 @@ impl Navigator {
         let gnss = &self.sources.gnss;
         let walked_ne = gnss.witness.may_have_led();
         unexplained.wanders(now, &walked_ne, walked_ne.norm(), reading.claimed_m);
-        unexplained.suspected(now, &gnss.steps.may_have_led(reading.measured), reading.claimed_m);
+        // An estimate that does not follow it is not led.
+        if !core.dead_reckoning() {
+            let led_ne = gnss.steps.may_have_led(reading.measured);
+            core.witnesses.unexplained.suspected(now, &led_ne, reading.claimed_m);
+        }
         // A receiver that comes back at another height is not where it says.
         let height_m = -reading.position_ned.z;
         let gate = core.settings.gnss.trust.gate_sigma;
@@ -279,11 +283,12 @@ impl Navigator {
     /// GNSS is navigated on.
     fn take_fix(&mut self, now: AutopilotTime, reading: &FixReading) {
         let facts = self.sources.facts(&self.core);
-        let sigma = reading.sigma();
         let context = Context { core: &self.core, facts };
         // Rotors shake all the time; what a wing's accelerometers are off by comes with its manoeuvres, and is noise of those.
         let shaken = context.core.vehicle.is(Airframe::Multirotor);
-        let accel_density = self.sources.gnss.weigh_inertia(reading, &context);
+        self.sources.gnss.weigh_inertia(reading, &context);
+        let accel_density = self.sources.gnss.accel_density();
+        let sigma = self.sources.gnss.sigma_of(reading);
         let core = &mut self.core;
         if shaken {
             core.estimator.believe_inertia(accel_density);
@@ -329,13 +334,16 @@ impl Navigator {
         self.core.go_to(now, reading);
     }
 
-    /// The receiver's latency shows in how its velocity lags behind the inertial one.
+    /// The receiver's latency shows in how its velocity lags behind what inertia felt.
     fn learn_gnss_latency(&mut self, reading: &FixReading) {
-        let acceleration = self.core.timeline.acceleration(reading.measured);
-        let e_v: Option<Vector2<f64>> = horizontal(&reading.innovation.velocity_ned);
+        let timeline = &self.core.timeline;
+        let felt = (timeline.epoch(), self.sources.gnss.accel_density());
         let latency = &mut self.sources.gnss.latency;
-        match e_v.zip(acceleration) {
-            Some((e_v, a)) if self.core.mode == Mode::Aided => latency.observe(&e_v, &a.xy()),
+        match &reading.velocity_ne {
+            Some(v) if self.core.mode == Mode::Aided => {
+                let impulse = |time| timeline.impulse(time).map(|i| i.xy());
+                latency.observe(reading.measured, v, felt, impulse);
+            }
             _ => latency.interrupt(),
         }
     }

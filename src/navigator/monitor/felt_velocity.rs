@@ -19,8 +19,9 @@ pub(in super::super) struct FeltVelocity {
     /// Against the estimate, which other sources carry, and how well that is known, m/s.
     pub(in super::super) error: Option<Vector2<f64>>,
     pub(in super::super) sigma: f64,
-    /// How well the position is known, m.
+    /// How well the position is known, m, and how far the fix is from it, NE, m, where the estimate does not follow the receiver.
     pub(in super::super) position_sigma: f64,
+    pub(in super::super) apart: Option<Vector2<f64>>,
 }
 
 /// A velocity that is a lie.
@@ -37,5 +38,10 @@ pub(in super::super) struct VelocityLie {
 impl VelocityLie {
     pub(in super::super) fn new(since: AutopilotTime, step: Vector2<f64>) -> Self {
         Self { since, step, undone: false }
+    }
+
+    /// How far it has led by now, NE, m.
+    pub(super) fn led(&self, now: AutopilotTime) -> Vector2<f64> {
+        self.step * now.seconds_since(self.since).max(0.0)
     }
 }

@@ -65,12 +65,22 @@ pub(in super::super) struct ReceiverLies {
     /// Since when one has been likely, and beyond doubt.
     likely: Option<AutopilotTime>,
     beyond: Option<AutopilotTime>,
+    /// The most that what is suspected has explained.
+    suspected: Option<f64>,
 }
 
 impl Default for ReceiverLies {
     fn default() -> Self {
         let usual = UsualSpread::expecting(SPREAD, FIRM);
-        Self { usual, learned: 0, learn_due: None, look_due: None, likely: None, beyond: None }
+        Self {
+            usual,
+            learned: 0,
+            learn_due: None,
+            look_due: None,
+            likely: None,
+            beyond: None,
+            suspected: None,
+        }
     }
 }
 
@@ -104,9 +114,14 @@ impl ReceiverLies {
         let lasts = |since: Option<AutopilotTime>| since.is_some_and(|t| now.seconds_since(t) >= LASTS_S);
         if lasts(self.beyond) {
             self.rest();
+            self.suspected = None;
             return Some(ReceiverFinding::Lies(shown));
         }
-        lasts(self.likely).then_some(ReceiverFinding::Suspected(shown))
+        if !lasts(self.likely) {
+            return None;
+        }
+        self.suspected = Some(self.suspected.map_or(shown.square, |square| square.max(shown.square)));
+        Some(ReceiverFinding::Suspected(shown))
     }
 
     /// Whether one that was suspected to have begun at `since` does not show any more in windows that reach back to then.
@@ -125,6 +140,13 @@ impl ReceiverLies {
         })
     }
 
+    /// What was suspected has ended: where that was no lie, `honest`, what looked like one is usual for this vehicle.
+    pub(in super::super) fn suspicion_ended(&mut self, honest: bool) {
+        if let Some(square) = self.suspected.take().filter(|_| honest) {
+            self.usual.learn(square.min(self.usual.limit(DECADES)), MEMORY);
+        }
+    }
+
     /// What is beyond its limit again and again is usual, too, but no more than the limit at once.
     fn learn(&mut self, now: AutopilotTime, square: f64) {
         if self.learn_due.is_none_or(|due| now >= due) {
@@ -137,5 +159,27 @@ impl ReceiverLies {
     /// The filter does not follow the receiver.
     pub(in super::super) fn rest(&mut self) {
         (self.likely, self.beyond) = (None, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_suspicion_that_came_to_nothing_is_usual_from_then_on_and_a_lie_is_not() {
+        let (square, mut lies) = (60.0, ReceiverLies::default());
+        let odds = |lies: &ReceiverLies| square / (2.0 * lies.usual.variance().max(1.0)) - UNLIKELY;
+        let first = odds(&lies);
+        lies.suspected = Some(square);
+        lies.suspicion_ended(false);
+        assert_eq!((odds(&lies), lies.suspected), (first, None));
+        for _ in 0..6 {
+            lies.suspected = Some(square);
+            lies.suspicion_ended(true);
+            // Told once.
+            lies.suspicion_ended(true);
+        }
+        assert!(first > 5.0 && odds(&lies) < 0.0, "{first} {}", odds(&lies));
     }
 }

@@ -9,7 +9,7 @@
 //!
 //! What is far from usual and not beyond doubt is no charge: how far it has led, if it is a lie, is a part of what is claimed of the position.
 //!
-//! A lie stands until the velocity steps back, or until whatever else carries knows the velocity well enough to see that GNSS agrees with it again; until
+//! A lie stands until the velocity steps back, or until whatever else carries knows the velocity, or the position, well enough to see that GNSS agrees with it again; until
 //! the receiver is silent for a while; and for as long as it leads further off than the position is uncertain without it. Who was silent, or does no
 //! harm any more, is followed like any other, for nobody knows better, and the lie goes on as a doubt.
 
@@ -82,9 +82,7 @@ impl VelocitySteps {
 
     /// How far the receiver has led away by now, NE, m, in the root of the mean square: by the whole step with the probability that it is a lie, and else not at all.
     pub(in super::super) fn may_have_led(&self, now: AutopilotTime) -> Vector2<f64> {
-        self.doubt.map_or(Vector2::zeros(), |d| {
-            d.lie.step * (now.seconds_since(d.lie.since).max(0.0) * d.probability().sqrt())
-        })
+        self.doubt.map_or(Vector2::zeros(), |d| d.lie.led(now) * d.probability().sqrt())
     }
 
     /// What is held against the receiver.
@@ -237,7 +235,10 @@ impl VelocitySteps {
         self.felt.retain(|f| s.time.seconds_since(f.time) < WINDOW_S);
         match self.lie {
             None if s.judged => self.judge(s),
-            None => self.doubt = self.doubt.filter(|d| d.kind == DoubtKind::Charged && s.time < d.until),
+            None => {
+                let stays = |d: &VelocityDoubt| s.time < d.until && !has_not_led(s, &d.lie);
+                self.doubt = self.doubt.filter(|d| d.kind == DoubtKind::Charged && stays(d));
+            }
             Some(lie) => self.come_back(s, &lie),
         }
     }
@@ -337,8 +338,9 @@ impl VelocitySteps {
         // What carries knows better than half the step.
         let known = s.sigma < KNOWN * lie.step.norm();
         let agrees = s.error.is_some_and(|e| known && e.norm() < BACK * lie.step.norm());
-        self.agrees_since = if agrees { self.agrees_since.or(Some(s.time)) } else { None };
-        let led_m = lie.step.norm() * s.time.seconds_since(lie.since);
+        let back = agrees || has_not_led(s, lie);
+        self.agrees_since = if back { self.agrees_since.or(Some(s.time)) } else { None };
+        let led_m = lie.led(s.time).norm();
         let harmless = s.position_sigma > led_m.max(LEAST_LED_M);
         if stepped_back || self.agrees_since.is_some_and(|t| s.time.seconds_since(t) > BACK_S) {
             self.forget();
@@ -353,6 +355,13 @@ impl VelocitySteps {
             self.doubt = Some(VelocityDoubt::of(lie, now, DoubtKind::Charged));
         }
     }
+}
+
+/// Whether a fix is where whatever else carries is, and not where a lie would have led it by now.
+fn has_not_led(s: &FeltVelocity, lie: &VelocityLie) -> bool {
+    let led_m = lie.led(s.time).norm();
+    let known = led_m > LEAST_LED_M && s.position_sigma < KNOWN * led_m;
+    known && s.apart.is_some_and(|apart| apart.norm() < BACK * led_m)
 }
 
 /// Whether a step takes a lie away.
@@ -399,6 +408,7 @@ mod tests {
                 error: None,
                 sigma: f64::INFINITY,
                 position_sigma: 1.0,
+                apart: None,
             });
             match (steps.lie(), from) {
                 (Some(_), None) => from = Some(t),
@@ -489,6 +499,7 @@ mod tests {
                 error: None,
                 sigma: f64::INFINITY,
                 position_sigma: 1.0,
+                apart: None,
             });
         }
         steps.may_have_led(at(30.0)).norm()
@@ -505,24 +516,17 @@ mod tests {
         assert_eq!(on_the_ground([0.0; 2], |t| 3.0 * (t - 15.0).max(0.0).sin()), 0.0);
     }
 
-    /// A lie of 2 m/s since 0 s, at 30 s and `after_s` later.
-    fn let_go(after_s: f64, position_sigma: f64) -> VelocitySteps {
+    /// A lie of 2 m/s since 0 s, at 30 s and `after_s` later, of a receiver that lies `apart_m` from an estimate that does not follow it.
+    fn let_go(after_s: f64, position_sigma: f64, apart_m: Option<f64>) -> VelocitySteps {
         let mut steps = VelocitySteps::new();
         steps.lie = Some(VelocityLie::new(at(0.0), Vector2::new(2.0, 0.0)));
-        for t in [30.0, 30.0 + after_s] {
-            let (velocity, impulse) = (Vector2::new(2.0, 0.0), Vector2::zeros());
+        let apart = apart_m.map(|m| Vector2::new(m, 0.0));
+        for t in [0.0, 1.0, 2.0, 3.1, after_s] {
+            let (time, velocity, impulse) = (at(30.0 + t), Vector2::new(2.0, 0.0), Vector2::zeros());
             let (epoch, judged, flies, error, sigma) = (0, false, true, None, f64::INFINITY);
-            let time = at(t);
+            #[rustfmt::skip]
             steps.observe(&FeltVelocity {
-                time,
-                velocity,
-                impulse,
-                epoch,
-                judged,
-                flies,
-                error,
-                sigma,
-                position_sigma,
+                time, velocity, impulse, epoch, judged, flies, error, sigma, position_sigma, apart,
             });
         }
         steps
@@ -530,16 +534,23 @@ mod tests {
 
     #[test]
     fn a_lie_that_nobody_has_disproven_goes_on_as_a_doubt() {
-        let known = let_go(1.0, 5.0);
-        assert!(known.lie().is_some() && known.may_have_led(at(31.0)) == Vector2::zeros());
-        // The estimate knows no better, or the receiver was silent.
-        for (after_s, position_sigma) in [(1.0, 100.0), (5.0, 5.0)] {
-            let steps = let_go(after_s, position_sigma);
+        let known = let_go(4.0, 5.0, None);
+        assert!(known.lie().is_some() && known.may_have_led(at(34.0)) == Vector2::zeros());
+        // The estimate knows no better, or the receiver was silent, and comes back where the lie would have led it.
+        for (after_s, position_sigma, apart) in
+            [(4.0, 100.0, Some(1.0)), (8.0, 5.0, None), (8.0, 5.0, Some(70.0))]
+        {
+            let steps = let_go(after_s, position_sigma, apart);
             assert!(steps.lie().is_none());
             let led = steps.may_have_led(at(40.0)).norm();
             assert!((led - 80.0).abs() < 1e-9, "{after_s}: {led}");
         }
-        assert_eq!(let_go(70.0, 5.0).lie(), None);
+        assert_eq!(let_go(70.0, 5.0, None).lie(), None);
+        // One that is where whatever else carries says has not led there, whether it was silent or not.
+        for after_s in [4.0, 8.0] {
+            let steps = let_go(after_s, 5.0, Some(3.0));
+            assert!(!steps.is_doubted() && steps.may_have_led(at(40.0)) == Vector2::zeros(), "{after_s}");
+        }
     }
 
     #[test]

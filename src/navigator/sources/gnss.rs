@@ -18,9 +18,9 @@ use super::super::settings::GnssSettings;
 use super::super::solution::VelocitySource;
 use super::super::timeline::CORRECTED_S;
 use super::agreement::Agreement;
+use super::gnss_latency::GnssLatency;
 use super::held_course::HeldCourse;
 use super::inertial_noise::InertialNoise;
-use super::latency::LatencyEstimator;
 use crate::navigator::tuning::gnss::{
     CLAIM_GAIN, DOUBTFUL_MPS, LATENCY_JITTER_S, LEAST_SPEED_SIGMA, RECEIVER_SILENCE_S, UNCLAIMED_SPEED_SIGMA,
     VERTICAL_RATIO,
@@ -42,7 +42,7 @@ pub(in super::super) enum ReceiverChoice {
 pub(in super::super) struct GnssSource {
     receiver: u8,
     heard: Option<AutopilotTime>,
-    pub(in super::super) latency: LatencyEstimator,
+    pub(in super::super) latency: GnssLatency,
     inertia: InertialNoise,
     /// Horizontal standard deviation as the receiver claims it of late, m.
     sigma_m: f64,
@@ -104,7 +104,7 @@ impl GnssSource {
         Self {
             receiver: 0,
             heard: None,
-            latency: LatencyEstimator::new(settings.delay_s, settings.delay_sigma_s),
+            latency: GnssLatency::new(settings.delay_s, settings.delay_sigma_s),
             inertia: InertialNoise::new(accel_noise),
             sigma_m: settings.default_accuracy_m,
             travel: FlowTravel::new(),
@@ -240,15 +240,25 @@ impl GnssSource {
         self.error = Some((reading.measured, reading.position_error));
     }
 
-    /// A fix that is navigated on. How noisy accelerometers are beside it, m/s²/√Hz.
-    pub(in super::super) fn weigh_inertia(&mut self, reading: &FixReading, context: &Context<'_>) -> f64 {
+    /// How noisy accelerometers are beside it, m/s²/√Hz.
+    pub(in super::super) fn accel_density(&self) -> f64 {
+        self.inertia.density()
+    }
+
+    /// A fix that is navigated on is set against what inertia felt.
+    pub(in super::super) fn weigh_inertia(&mut self, reading: &FixReading, context: &Context<'_>) {
         let timeline = &context.core.timeline;
         let impulse = timeline.impulse(reading.measured).map(|i| (i.xy(), timeline.epoch()));
         match &reading.velocity_ne {
             Some(v) => self.inertia.observe(reading.stamp, v, impulse),
             None => self.inertia.interrupt(),
         }
-        self.inertia.density()
+    }
+
+    /// Standard deviations of position and velocity of a fix that is navigated on, m and m/s: its velocity is worth no more than how it fits what inertia feels.
+    pub(in super::super) fn sigma_of(&self, reading: &FixReading) -> [f64; 2] {
+        let [position, velocity] = reading.sigma();
+        [position, velocity.max(self.inertia.between_fixes_mps())]
     }
 
     /// What was learned of the receiver.

@@ -1,4 +1,4 @@
-//! How far a multirotor's accelerometers can be believed beside GNSS: from how its velocities move against what they add up to.
+//! How far inertia and a receiver's velocity can be believed beside each other: from how the velocities move against what the accelerometers add up to.
 //!
 //! Over a lag τ GNSS tells Δv_G and the accelerometers, turned to NED, Δv_I. Their difference has the receiver's noise, whatever τ is, and what vibration,
 //! aliasing, tilt and scale make of the inertial velocity, which grows with τ: see [`NoiseAndWalk`]. A heading that is off turns Δv_I by an angle, which is
@@ -9,7 +9,9 @@ use nalgebra::{Rotation2, Vector2};
 use crate::filter::{LAGS, Lags, NoiseAndWalk};
 use crate::time::AutopilotTime;
 
-use crate::navigator::tuning::inertial_noise::{LAGS_S, MEMORY_S, MOST_ACCEL, RECEIVER_MPS, UNTURNED};
+use crate::navigator::tuning::inertial_noise::{
+    LAGS_S, MEMORY_S, MOST_ACCEL, MOST_MPS, RECEIVER_MPS, UNTURNED,
+};
 
 /// A velocity of a fix, NE, m/s, and what inertia has added up to then.
 type Pair = (Vector2<f64>, Vector2<f64>);
@@ -72,6 +74,11 @@ impl InertialNoise {
         self.velocity.parts().1.sqrt().min(MOST_ACCEL)
     }
 
+    /// What of it does not grow with time, m/s, 1 sigma: the receiver's own noise, and what an IMU that is sampled misses between two fixes.
+    pub(super) fn between_fixes_mps(&self) -> f64 {
+        self.velocity.parts().0.max(0.0).sqrt().min(MOST_MPS)
+    }
+
     /// Another receiver, or another time: what was before is not compared with what comes.
     pub(super) fn interrupt(&mut self) {
         self.velocities.forget();
@@ -86,7 +93,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     /// Two minutes of figures of eight at 5 Hz: velocities with this noise, felt through accelerometers of this density at a heading that is off.
-    fn flown(sigma: f64, density: f64, heading: f64) -> f64 {
+    fn flown(sigma: f64, density: f64, heading: f64) -> InertialNoise {
         let mut noise = InertialNoise::new(0.03);
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -99,17 +106,22 @@ mod tests {
             let felt = Rotation2::new(-heading) * v + walked;
             noise.observe(AutopilotTime::from_micros(k * 200_000), &seen, Some((felt, 1)));
         }
-        noise.density()
+        noise
     }
 
     #[test]
     fn accelerometers_are_told_apart_from_the_receiver_and_a_wrong_heading_is_neither() {
         for heading in [0.0, 0.4] {
             for (sigma, density) in [(0.3, 0.05), (0.05, 0.4), (0.1, 1.5)] {
-                let found = flown(sigma, density, heading);
+                let noise = flown(sigma, density, heading);
+                let (found, between) = (noise.density(), noise.between_fixes_mps());
                 assert!(
                     (found - density).abs() < 0.4 * density + 0.3 * sigma,
                     "{sigma} {density} {heading}: {found}"
+                );
+                assert!(
+                    (between - sigma).abs() < 0.3 * sigma + 0.2 * density,
+                    "{sigma} {density} {heading}: {between}"
                 );
             }
         }
@@ -117,8 +129,11 @@ mod tests {
 
     #[test]
     fn nothing_is_made_of_chance_and_no_accelerometer_is_worse_than_the_bound() {
-        assert!(flown(0.0, 0.0, 0.0) < 0.01);
-        assert!(flown(0.1, 50.0, 0.0) <= MOST_ACCEL);
+        assert!(flown(0.0, 0.0, 0.0).density() < 0.01);
+        assert!(
+            flown(0.1, 50.0, 0.0).density() <= MOST_ACCEL
+                && flown(9.0, 0.1, 0.0).between_fixes_mps() <= MOST_MPS
+        );
         assert_eq!(InertialNoise::new(0.03).density(), 0.03);
     }
 }

@@ -1,11 +1,7 @@
-//! How old a GNSS fix, and a flow, really is.
+//! How old what a sensor tells really is, and how old a flow is.
 //!
-//! Both are found by comparing velocities while the acceleration changes: a scalar Kalman filter (`Latency`) over residuals whose
-//! slope by the latency is known. A vehicle that never accelerates teaches it nothing, and its variance says so.
-//!
-//! **GNSS.** Over a second or two the inertial prediction follows the change of velocity between two times, the receiver that between the
-//! times δ earlier, if δ is what the latency is misjudged by. Each fix resets the prediction, so the innovations of the fixes in
-//! between add up to −δ·(a(t) − a(t′)), a the acceleration at the window's ends.
+//! A latency is found while motion changes: a scalar Kalman filter (`Latency`) over residuals whose slope by the latency is known. A vehicle whose motion never changes
+//! teaches it nothing, and its variance says so.
 //!
 //! **Flow.** Compared with the velocity that GNSS gives at the time at which the flow was taken to be measured, a flow that is older than
 //! that is off by −δ·dv/dt, and by the rotation between the two times where the rotation was taken out with our gyros: the slope comes
@@ -15,8 +11,8 @@
 use nalgebra::Vector2;
 
 use crate::navigator::tuning::latency::{
-    BLOCK_S, BLOCKS_APART_S, GATE_S, GATE_SIGMA, INDEPENDENT, LAG, LEAST_CHANGE, LONGEST_FLOW_S, LONGEST_S,
-    REFERENCE_NOISE, VELOCITY_NOISE, WALK, WINDOW_FIXES,
+    BLOCK_S, BLOCKS_APART_S, GATE_S, GATE_SIGMA, INDEPENDENT, LAG, LEAST_CHANGE, LONGEST_FLOW_S,
+    REFERENCE_NOISE, WALK,
 };
 use crate::time::AutopilotTime;
 
@@ -35,7 +31,7 @@ impl Latency {
     }
 
     /// Goes on from what was learned before, as far as it may be learned, and that is a latency.
-    fn recall(&mut self, kept: [f64; 2]) {
+    pub(super) fn recall(&mut self, kept: [f64; 2]) {
         let [seconds, sigma_s] = kept;
         if !self.is_fixed() && (0.0..=self.longest_s).contains(&seconds) && (1e-6..=1.0).contains(&sigma_s) {
             (self.seconds, self.variance) = (seconds, sigma_s * sigma_s);
@@ -51,8 +47,15 @@ impl Latency {
         self.variance
     }
 
-    fn is_fixed(&self) -> bool {
+    pub(super) fn is_fixed(&self) -> bool {
         self.variance == 0.0
+    }
+
+    /// It is longer by `delay_s`, with a variance, s², and has walked since by `walk`, s².
+    pub(super) fn take(&mut self, delay_s: f64, variance: f64, walk: f64) {
+        let gain = self.variance / (self.variance + variance);
+        self.seconds = (self.seconds + gain * delay_s).clamp(0.0, self.longest_s);
+        self.variance = self.variance * (1.0 - gain) + walk;
     }
 
     /// Takes a residual (m/s, or rad) that is `slope` (of it a second) times what the latency is misjudged by (true − assumed), and noise.
@@ -65,72 +68,6 @@ impl Latency {
         let gain = slope * self.variance / (slope * slope * self.variance + noise * noise);
         self.seconds = (self.seconds + gain * residual).clamp(0.0, self.longest_s);
         self.variance = self.variance * (1.0 - gain * slope).max(0.0) + WALK;
-    }
-}
-
-/// Latency of one receiver, on top of its own stamps.
-#[derive(Clone, Debug)]
-pub struct LatencyEstimator {
-    latency: Latency,
-    window: Option<Window>,
-}
-
-#[derive(Clone, Debug)]
-struct Window {
-    fixes: u32,
-    /// Acceleration at its beginning, m/s².
-    from_ne: Vector2<f64>,
-    /// Sum of the innovations since, m/s.
-    sum_ne: Vector2<f64>,
-}
-
-impl LatencyEstimator {
-    /// Starts from the configured latency; a `sigma_s` of zero keeps it there.
-    pub fn new(latency_s: f64, sigma_s: f64) -> Self {
-        Self { latency: Latency::new(latency_s, sigma_s, LONGEST_S), window: None }
-    }
-
-    /// The latency to assume, s.
-    pub fn latency_s(&self) -> f64 {
-        self.latency.seconds
-    }
-
-    /// Its standard deviation, s.
-    pub fn sigma_s(&self) -> f64 {
-        self.latency.variance.sqrt()
-    }
-
-    /// Goes on from a latency and its standard deviation, s, that were learned before.
-    pub fn recall(&mut self, kept: [f64; 2]) {
-        self.latency.recall(kept);
-    }
-
-    /// The next fix cannot be compared with the last one.
-    pub fn interrupt(&mut self) {
-        self.window = None;
-    }
-
-    /// Takes the velocity innovation of an accepted fix and the acceleration when it was measured, both horizontal.
-    pub fn observe(&mut self, innovation_ne: &Vector2<f64>, acceleration_ne: &Vector2<f64>) {
-        if self.latency.is_fixed() {
-            return;
-        }
-        let fresh = Window { fixes: 0, from_ne: *acceleration_ne, sum_ne: Vector2::zeros() };
-        let Some(window) = &mut self.window else {
-            self.window = Some(fresh);
-            return;
-        };
-        window.fixes += 1;
-        window.sum_ne += innovation_ne;
-        if window.fixes < WINDOW_FIXES {
-            return;
-        }
-        let (innovation_ne, change) = (window.sum_ne, acceleration_ne - window.from_ne);
-        self.window = Some(fresh);
-        let size = change.norm();
-        if size >= LEAST_CHANGE {
-            self.latency.observe(innovation_ne.dot(&change) / size, -size, VELOCITY_NOISE);
-        }
     }
 }
 
@@ -229,35 +166,6 @@ impl FlowLatency {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A receiver that is `true_s` late on a path with changing acceleration; each fix resets the prediction.
-    fn run(true_s: f64, assumed_s: f64, sigma_s: f64) -> LatencyEstimator {
-        let v = |t: f64| Vector2::new(3.0 * (0.9 * t).sin(), 2.0 * (0.6 * t).cos());
-        let a = |t: f64| Vector2::new(2.7 * (0.9 * t).cos(), -1.2 * (0.6 * t).sin());
-        let mut e = LatencyEstimator::new(assumed_s, sigma_s);
-        for k in 1..1500 {
-            let (t, last) = (0.2 * f64::from(k), 0.2 * f64::from(k - 1));
-            // Stamp t; valid at t − true; taken for t − latency.
-            let at = t - e.latency_s();
-            let before = last - e.latency_s();
-            let predicted = v(last - true_s) + v(at) - v(before);
-            e.observe(&(v(t - true_s) - predicted), &a(at));
-        }
-        e
-    }
-
-    #[test]
-    fn the_latency_is_found_from_either_side() {
-        for (truth, assumed) in [(0.1, 0.0), (0.0, 0.12), (0.22, 0.1)] {
-            let e = run(truth, assumed, 0.1);
-            assert!((e.latency_s() - truth).abs() < 0.02, "{truth}: {} ± {}", e.latency_s(), e.sigma_s());
-        }
-    }
-
-    #[test]
-    fn a_configured_latency_can_be_final() {
-        assert_eq!(run(0.2, 0.1, 0.0).latency_s(), 0.1);
-    }
 
     /// A flow that is `true_s` late, with a bias, a scale error and noise, against a GNSS velocity that is right.
     fn run_flow(true_s: f64, assumed_s: f64, sigma_s: f64) -> FlowLatency {

@@ -13,6 +13,7 @@ pub mod drag;
 pub(super) mod flow;
 mod following;
 pub(super) mod gnss;
+mod gnss_latency;
 mod held_course;
 mod inertial_noise;
 pub mod landmarks;

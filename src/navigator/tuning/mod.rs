@@ -19,7 +19,7 @@ pub(super) use estimation::{
 };
 pub(super) use sensing::{
     airspeed, barometer, compass_step, drag, every_source, flow, flow_image, flow_measure, flow_unit,
-    flow_witness, following, gnss, held_course, inertial_noise, landmark_pose, landmark_relation, landmarks,
-    latency, magnetic_latency, magnetic_noise, magnetometer, parting, rangefinder, rangefinders, standstill,
-    status, takeoff,
+    flow_witness, following, gnss, gnss_latency, held_course, inertial_noise, landmark_pose,
+    landmark_relation, landmarks, latency, magnetic_latency, magnetic_noise, magnetometer, parting,
+    rangefinder, rangefinders, standstill, status, takeoff,
 };

@@ -285,6 +285,8 @@ pub(in crate::navigator) mod inertial_noise {
     pub(in crate::navigator) const RECEIVER_MPS: f64 = 0.1;
     /// Accelerometers are never taken to be worse than this, m/s²/√Hz.
     pub(in crate::navigator) const MOST_ACCEL: f64 = 3.0;
+    /// Nor a receiver's velocity worse than this, m/s: then it is not noise that parts the two.
+    pub(in crate::navigator) const MOST_MPS: f64 = 1.0;
     /// So much motion, (m/s)², is needed before it says half of a turn of the heading.
     pub(in crate::navigator) const UNTURNED: f64 = 0.25;
 }
@@ -382,14 +384,8 @@ pub(in crate::navigator) mod latency {
     pub(in crate::navigator) const GATE_SIGMA: f64 = 4.0;
     /// … and as much more as this misjudgement explains, s.
     pub(in crate::navigator) const GATE_S: f64 = 0.3;
-    /// Fixes in a window: 2 s at 5 Hz.
-    pub(in crate::navigator) const WINDOW_FIXES: u32 = 10;
-    /// Noise of the sum of the innovations in a window, m/s: two velocity samples and the accelerometer's error over the window.
-    pub(in crate::navigator) const VELOCITY_NOISE: f64 = 0.25;
     /// Only a change of the acceleration of at least this much teaches anything, m/s².
     pub(in crate::navigator) const LEAST_CHANGE: f64 = 0.5;
-    /// No receiver is older than this, s.
-    pub(in crate::navigator) const LONGEST_S: f64 = 0.5;
     /// Length of a block, s.
     pub(in crate::navigator) const BLOCK_S: f64 = 0.2;
     /// A block is compared with the one so many before it: a second, in which the acceleration has changed.
@@ -402,6 +398,33 @@ pub(in crate::navigator) mod latency {
     pub(in crate::navigator) const INDEPENDENT: f64 = 3.0;
     /// No flow sensor is older than this, s.
     pub(in crate::navigator) const LONGEST_FLOW_S: f64 = 0.3;
+}
+
+/// How old a fix is.
+pub(in crate::navigator) mod gnss_latency {
+    /// A window is this long, s, and holds so many fixes; a longer silence ends it, s.
+    pub(in crate::navigator) const WINDOW_S: f64 = 6.0;
+    pub(in crate::navigator) const LEAST_FIXES: u32 = 8;
+    pub(in crate::navigator) const WINDOW_HOLE_S: f64 = 2.5;
+    /// The derivative of what was felt is a difference over so long before and after, s: no longer than the latencies that are to be told apart, and some samples of a slow IMU.
+    pub(in crate::navigator) const SLOPE_S: f64 = 0.1;
+    /// Noise of the difference, at least, m/s: receivers round.
+    pub(in crate::navigator) const LEAST_NOISE_MPS: f64 = 0.05;
+    /// A window tells something where this part of what it seems to tell is motion.
+    pub(in crate::navigator) const LEAST_TOLD: f64 = 0.3;
+    /// What is expected besides, 1 sigma: an offset, m/s, and an acceleration that tilt and biases make, m/s², on both axes; a heading that is off, rad, a scale; and of the
+    /// delay nothing is, s.
+    pub(in crate::navigator) const NUISANCE_SIGMA: [f64; 7] = [10.0, 10.0, 1.0, 1.0, 0.3, 0.05, 10.0];
+    /// By how much windows scatter beyond what they claim, as a variance, before that was seen, how firmly, in windows, and how many count.
+    pub(in crate::navigator) const EXPECTED: f64 = 4.0;
+    pub(in crate::navigator) const FIRM: f64 = 4.0;
+    pub(in crate::navigator) const MEMORY: f64 = 60.0;
+    /// A window counts for no more than so many sigmas.
+    pub(in crate::navigator) const CLIPPED_SIGMA: f64 = 3.0;
+    /// Latencies do not change much in flight: walk of the estimate, s² a window.
+    pub(in crate::navigator) const WALK: f64 = 1e-7;
+    /// No receiver is older than this, s.
+    pub(in crate::navigator) const LONGEST_S: f64 = 0.5;
 }
 
 /// Magnetometers.
