@@ -160,7 +160,8 @@ impl Navigator {
             // What is remembered since the hole was remembered at another attitude.
             core.timeline.reset(&Reset::Relocated);
         }
-        core.statuses.fused(SourceId::only(SourceKind::Height), s.time, fused);
+        // After a hole a height says something of the horizontal position as well.
+        core.absorb(s.time, SourceId::only(SourceKind::Height), fused);
         if let Some(apart) = restarted {
             core.events.tell(s.time, EventKind::FilterRestarted(*apart));
         }

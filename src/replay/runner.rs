@@ -322,8 +322,9 @@ impl Runner {
 
 impl Score {
     fn add(&mut self, solution: &Solution, reference: &ReferenceState, t: f64) {
-        // A solution is one as soon as there is a mode that claims it.
-        if solution.mode == Mode::Aligning || reference.time.seconds_since(solution.time).abs() > 1.0 {
+        // A solution is one as soon as there is a mode that claims it, and in a hole there is none: that of before claims nothing of now.
+        let later_s = reference.time.seconds_since(solution.time);
+        if solution.mode == Mode::Aligning || !(-LATEST_REFERENCE_S..OLDEST_SOLUTION_S).contains(&later_s) {
             return;
         }
         self.compared += 1;
@@ -337,6 +338,10 @@ impl Score {
         }
     }
 }
+
+/// A reference may be so much older than the solution, s, as receivers are late, and so much newer: some samples of a slow IMU.
+const LATEST_REFERENCE_S: f64 = 1.0;
+const OLDEST_SOLUTION_S: f64 = 0.2;
 
 /// What a replay's faults draw their noise from.
 const FAULT_SEED: u64 = 1;

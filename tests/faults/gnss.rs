@@ -131,7 +131,7 @@ fn flow_and_inertia_testify_together_about_a_walk_of_half_a_metre_a_second() {
         for row in rows {
             let (error, sigmas) = (row["error_m"].as_f64().unwrap(), row["worst_sigmas"].as_f64().unwrap());
             let told = row["told_after_s"].as_f64().unwrap_or(f64::INFINITY);
-            assert!(told < 12.0 && sigmas < 2.2 && error < 6.0, "{flight}: {row}");
+            assert!(told < 15.0 && sigmas < 2.2 && error < 6.0, "{flight}: {row}");
         }
     }
 }
@@ -223,6 +223,18 @@ fn while_an_imu_that_lies_and_a_receiver_part_the_claim_covers_both() {
         for (t_s, apart_m, sigma_m) in rows {
             assert!(apart_m < 3.0 * sigma_m + 1.0, "{name} at {t_s} s: {apart_m} m off, {sigma_m} m claimed");
         }
+    }
+}
+
+/// Flow carries on when the lie is found; the receiver falls silent, comes back where flow says that it is, and has led nowhere.
+#[test]
+fn a_receiver_that_did_not_lead_leaves_no_claim_behind() {
+    let rows = led_astray("ardupilot-copter-gps-loss", "gnss:walkboth=2@120..180", 120.0);
+    assert!(rows.len() > 3000);
+    let most = rows.iter().map(|(.., sigma_m)| *sigma_m).fold(0.0, f64::max);
+    assert!(most < 20.0, "{most} m claimed");
+    for (t_s, apart_m, sigma_m) in rows {
+        assert!(apart_m < 3.0 * sigma_m, "{t_s} s: {apart_m} m off, {sigma_m} m claimed");
     }
 }
 
