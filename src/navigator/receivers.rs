@@ -161,8 +161,8 @@ pub(super) fn judge_innovations(
     }
     let found = core.witnesses.receiver.judge(now, core.estimator.jump_windows());
     if found.is_none() && gnss.steps.suspected().is_none() {
-        // A doubt that has run its course, or that others have refuted; one that became a charge is none.
-        core.witnesses.receiver.suspicion_ended(true);
+        // It has run its course, or others have refuted it.
+        core.witnesses.receiver.came_to_nothing();
     }
     let since = |lie: &ShownLie| now - Span::from_seconds(lie.age_s);
     let lie = match found {

@@ -114,7 +114,6 @@ impl ReceiverLies {
         let lasts = |since: Option<AutopilotTime>| since.is_some_and(|t| now.seconds_since(t) >= LASTS_S);
         if lasts(self.beyond) {
             self.rest();
-            self.suspected = None;
             return Some(ReceiverFinding::Lies(shown));
         }
         if !lasts(self.likely) {
@@ -140,9 +139,9 @@ impl ReceiverLies {
         })
     }
 
-    /// What was suspected has ended: where that was no lie, `honest`, what looked like one is usual for this vehicle.
-    pub(in super::super) fn suspicion_ended(&mut self, honest: bool) {
-        if let Some(square) = self.suspected.take().filter(|_| honest) {
+    /// What was suspected has ended, and was no lie: what looked like one is usual for this vehicle.
+    pub(in super::super) fn came_to_nothing(&mut self) {
+        if let Some(square) = self.suspected.take() {
             self.usual.learn(square.min(self.usual.limit(DECADES)), MEMORY);
         }
     }
@@ -156,9 +155,9 @@ impl ReceiverLies {
         }
     }
 
-    /// The filter does not follow the receiver.
+    /// The filter does not follow the receiver, which may have been charged: what was suspected of it is not known to be none.
     pub(in super::super) fn rest(&mut self) {
-        (self.likely, self.beyond) = (None, None);
+        (self.likely, self.beyond, self.suspected) = (None, None, None);
     }
 }
 
@@ -172,13 +171,14 @@ mod tests {
         let odds = |lies: &ReceiverLies| square / (2.0 * lies.usual.variance().max(1.0)) - UNLIKELY;
         let first = odds(&lies);
         lies.suspected = Some(square);
-        lies.suspicion_ended(false);
+        lies.rest();
+        lies.came_to_nothing();
         assert_eq!((odds(&lies), lies.suspected), (first, None));
         for _ in 0..6 {
             lies.suspected = Some(square);
-            lies.suspicion_ended(true);
+            lies.came_to_nothing();
             // Told once.
-            lies.suspicion_ended(true);
+            lies.came_to_nothing();
         }
         assert!(first > 5.0 && odds(&lies) < 0.0, "{first} {}", odds(&lies));
     }
